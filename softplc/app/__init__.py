@@ -1,0 +1,1 @@
+"""Builds and runs the processes: supervisor, scan process, gateway."""

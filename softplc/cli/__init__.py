@@ -1,0 +1,1 @@
+"""The softplc command: thin commands over app."""

@@ -1,0 +1,130 @@
+"""The configuration file as models: tasks, sources, axes, publishers, logging, real-time options."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, Tag
+
+from softplc.drivers.modbus.config import ModbusSource, ModbusTag
+from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
+from softplc.drivers.replay import ReplaySource, ReplayTag
+from softplc.model import Model, Name
+from softplc.observers.aoi import AoiConfig
+from softplc.publishers.modbus.config import ModbusPublisher
+from softplc.publishers.opcua.config import OpcUaPublisher
+
+Source = Annotated[OpcUaSource | ModbusSource | ReplaySource, Field(discriminator="type")]
+Publisher = Annotated[OpcUaPublisher | ModbusPublisher, Field(discriminator="type")]
+
+
+def _protocol_of(tag: Any) -> str | None:
+    """A tag is of the protocol whose key it has: node, address or column."""
+    for key, protocol in (("node", "opcua"), ("address", "modbus"), ("column", "replay")):
+        if (key in tag) if isinstance(tag, dict) else hasattr(tag, key):
+            return protocol
+    return None
+
+
+SourceTag = Annotated[
+    Annotated[OpcUaTag, Tag("opcua")] | Annotated[ModbusTag, Tag("modbus")] | Annotated[ReplayTag, Tag("replay")],
+    Discriminator(
+        _protocol_of,
+        custom_error_type="source_tag",
+        custom_error_message="expected one of node (OPC-UA), address (Modbus) or column (recording)",
+    ),
+]
+
+
+class Task(Model):
+    """A cyclic task (IEC 61131-3): its axes are scanned together on a fixed time grid."""
+
+    name: Name = "main"
+    period_ms: Annotated[float, Field(ge=1, le=60_000)] = 50.0
+    """Time between scans, ms. q_x and q_x_dot are per scan: another period makes another filter."""
+    priority: Annotated[int, Field(ge=0, le=31)] = 16
+    """Of tasks due at the same instant the lowest number goes first; 0 is the highest priority."""
+
+
+class WritableEnable(Model):
+    """Enable is a tag that a client may write (see the OPC-UA publisher's users)."""
+
+    writable: Literal[True]
+    initial: bool = True
+    """State after start."""
+
+
+class WriteBack(Model):
+    """One output of an axis that is written into a source PLC. Only Good values are written."""
+
+    output: Literal["Position", "Velocity", "Innovation", "S", "K0", "K1", "P00", "P01", "P11", "NIS", "Quality"]
+    """Which published tag of the axis."""
+    tag: SourceTag
+    """Where it goes."""
+    deadband: Annotated[float, Field(ge=0)] = 0.0
+    """Write when the value moved by more than this since the last write, in the output's unit."""
+    every_scans: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
+    """Write in every n-th scan, changed or not; leave out to write on change."""
+    min_interval_ms: Annotated[float, Field(ge=0, le=3_600_000)] = 0.0
+    """At least so long between two writes, ms; the newest value wins."""
+
+
+class Axis(Model):
+    """One position that is filtered.
+
+    `unit: mm` makes q_x mm² per scan, q_x_dot (mm/s)² per scan, r_x mm² per sample, and velocity mm/s.
+    """
+
+    name: Name
+    input: SourceTag
+    """The measured position."""
+    observer: AoiConfig
+    unit: Annotated[str, Field(max_length=16)] = ""
+    """Unit of the position, as in mm, deg, in, count; velocity is in unit/s."""
+    range: tuple[float, float] | None = None
+    """Lowest and highest plausible position; a sample outside is rejected. Also the EURange for HMIs."""
+    task: Name | None = None
+    """The task that scans this axis; the first one when left out."""
+    enable: bool | WritableEnable | SourceTag = True
+    """true or false; or a Boolean tag of a source; or `writable: true` for a tag that clients may write."""
+    dt_source: Literal["scan", "source", "arrival"] = "scan"
+    """Which Δt the observer uses: the measured scan interval, the samples' own timestamps, or their arrivals."""
+    on_repeat: Literal["update", "predict"] = "update"
+    """When no new sample came: take the held value as a measurement, or predict only and publish the prediction."""
+    held_after_ms: Annotated[float, Field(ge=0, le=3_600_000)] = 1000.0
+    """predict: a value unchanged for so long on a live link is held, and counts as a measurement, ms."""
+    write_back: tuple[WriteBack, ...] = ()
+
+
+class RealTime(Model):
+    """Options of the scan process that may need permission; one that is refused is a warning and nothing more."""
+
+    cpu_affinity: tuple[Annotated[int, Field(ge=0)], ...] | None = None
+    """CPUs that the scan process may run on."""
+    fifo_priority: Annotated[int, Field(ge=1, le=99)] | None = None
+    """SCHED_FIFO with this priority (CAP_SYS_NICE)."""
+    lock_memory: bool = False
+    """mlockall: no page of the scan process is swapped out (CAP_IPC_LOCK)."""
+    gc_freeze: bool = True
+    """Take what exists at start out of the garbage collector's sight."""
+
+
+class Log(Model):
+    """What is logged and how."""
+
+    level: Literal["debug", "info", "warning", "error"] = "info"
+    format: Literal["auto", "console", "json"] = "auto"
+    """auto: console on a terminal, JSON otherwise."""
+
+
+class Config(Model):
+    """A softplc configuration: sources are read by tasks, axes are observed, publishers serve them."""
+
+    tasks: tuple[Task, ...] = (Task(),)
+    sources: Annotated[tuple[Source, ...], Field(min_length=1)]
+    axes: Annotated[tuple[Axis, ...], Field(min_length=1)]
+    publishers: tuple[Publisher, ...] = ()
+    realtime: RealTime = RealTime()
+    log: Log = Log()
+
+    def task_of(self, axis: Axis) -> Task:
+        """The task that scans an axis. Raises StopIteration when load() did not check the name."""
+        return self.tasks[0] if axis.task is None else next(task for task in self.tasks if task.name == axis.task)

@@ -1,0 +1,1 @@
+"""Modbus as a source: config models, pure address and register codec, request planning, and the driver."""

@@ -1,0 +1,76 @@
+"""Configuration of an OPC-UA source and of a tag in it."""
+
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from softplc.clock import Clock
+from softplc.interfaces import Driver
+from softplc.model import Model, Name, Secret
+
+
+class OpcUaUser(Model):
+    """Who logs in at the server."""
+
+    name: str
+    password: Secret
+
+
+class OpcUaSecurity(Model):
+    """Message security; leave it out for SecurityPolicy None."""
+
+    policy: Literal["Basic256Sha256", "Aes128_Sha256_RsaOaep", "Aes256_Sha256_RsaPss"] = "Basic256Sha256"
+    mode: Literal["Sign", "SignAndEncrypt"] = "SignAndEncrypt"
+    certificate: str
+    """Path of our application certificate (DER or PEM)."""
+    private_key: str
+    """Path of its private key (PEM)."""
+    server_certificate: str | None = None
+    """Path of the server's certificate; without it the one that the server presents is taken."""
+
+
+class OpcUaSource(Model):
+    """A PLC or server that speaks OPC-UA."""
+
+    type: Literal["opcua"]
+    name: Name
+    url: Annotated[str, Field(pattern=r"^opc\.tcp://[^/\s]+")]
+    """Endpoint, as in opc.tcp://192.168.0.10:4840."""
+    mode: Literal["poll", "subscribe"] = "poll"
+    """poll: one batched Read in every scan. subscribe: the server reports changes; for slow or many tags."""
+    sampling_ms: Annotated[float, Field(ge=0)] | None = None
+    """subscribe: sampling interval asked of the server, ms; the task's period when left out."""
+    publishing_ms: Annotated[float, Field(gt=0)] | None = None
+    """subscribe: publishing interval asked of the server, ms; the task's period when left out."""
+    queue_size: Annotated[int, Field(ge=1, le=1000)] = 10
+    """subscribe: samples that the server keeps for each tag between two publishings."""
+    timeout_ms: Annotated[float, Field(ge=10, le=60_000)] = 500.0
+    """A request that takes longer means that the link is lost, ms."""
+    connect_timeout_ms: Annotated[float, Field(ge=100, le=60_000)] = 4000.0
+    """An attempt to connect that takes longer is given up, ms."""
+    stale_after_ms: Annotated[float, Field(ge=10, le=3_600_000)] = 3000.0
+    """Without a sign of life from the server for so long its values are no longer current, ms."""
+    user: OpcUaUser | None = None
+    security: OpcUaSecurity | None = None
+
+    def build(
+        self, readings: Sequence["OpcUaTag"], writings: Sequence["OpcUaTag"], clock: Clock, period: float
+    ) -> Driver:
+        """A driver for one connection; imports asyncua now."""
+        from softplc.drivers.opcua.driver import OpcUaDriver  # noqa: PLC0415  asyncua takes seconds to import
+
+        return OpcUaDriver(self, readings, writings, clock, period)
+
+
+class OpcUaTag(Model):
+    """One variable of an OPC-UA source."""
+
+    source: Name
+    node: str
+    """Node id `ns=2;s=Axis.Position` or `nsu=urn:plc;s=…`, or browse path `/Objects/2:Axis/2:Position`."""
+    index: Annotated[int, Field(ge=0)] | None = None
+    """Element of an array variable, from 0."""
+
+    def __str__(self) -> str:
+        return self.node if self.index is None else f"{self.node}[{self.index}]"

@@ -1,0 +1,1 @@
+"""The arithmetic of the observers: no clock, no log, no I/O."""

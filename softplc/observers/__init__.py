@@ -1,0 +1,1 @@
+"""One file for each observer type: config model, tags, one call into the kernel."""

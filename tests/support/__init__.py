@@ -1,0 +1,1 @@
+"""What several tests share: hand-made tag tables and exchanges, peers, ports, polling."""
