@@ -25,7 +25,7 @@ def apply_realtime(options: RealTime) -> None:
 
 
 def freeze_garbage() -> None:
-    """Collect once, then hide all that is left from the collector: a full collection over it costs 100 ms and more."""
+    """Collect once, then hide all that is left from the collector; a full collection over it costs 100 ms."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(50_000, 20, 100)
