@@ -76,7 +76,7 @@ def demo(
     headless: Annotated[bool, typer.Option("--headless", help="No colours, no live line: for scripts.")] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Run everything on an emulated PLC: ramp–hold–ramp–hold with noise, read over OPC-UA and Modbus, filtered, served.
+    """Run everything on an emulated PLC that plays ramp–hold–ramp–hold with noise over OPC-UA and Modbus.
 
     Example: softplc demo --seconds 20 --headless
     """
