@@ -74,8 +74,8 @@ class FreezeFault(_Fault):
     """running: the source timestamp goes on. frozen: it stands still as well."""
 
     def apply(self, reading: Reading, begin: int, healthy: Callable[[int], Reading]) -> Reading:
-        """The reading of the first step of the fault."""
-        frozen = healthy(begin)
+        """What the sensor reported in the first step of the fault, with the status that it has now."""
+        frozen = replace(healthy(begin), status=reading.status)
         return frozen if self.timestamp == "frozen" else replace(frozen, step=reading.step)
 
 

@@ -1,9 +1,13 @@
 import json
+from pathlib import Path
 from typing import Any
 
 import pytest
 from pydantic import ValidationError
+from ruamel.yaml import YAML
 
+from softplc.emulator.motion import RampHold
+from softplc.emulator.noise import UniformNoise
 from softplc.emulator.scenario import Scenario
 from tests.emulator.scenarios import scenario
 
@@ -45,3 +49,14 @@ def test_a_wrong_scenario_is_refused_with_what_was_found_and_what_is_right(field
 
     with pytest.raises(ValidationError, match=said):
         Scenario.model_validate_json(json.dumps(whole))
+
+
+def test_the_example_is_the_papers_experiment_on_two_axes_and_two_protocols():
+    file = Path(__file__).parent.parent.parent / "config" / "scenario.yaml"
+    chosen = Scenario.model_validate_json(json.dumps(YAML(typ="safe").load(file)))
+
+    assert chosen.period_ms == 50.0
+    assert [axis.motion for axis in chosen.axes] == [RampHold(type="ramp_hold")] * 2
+    assert [axis.noise for axis in chosen.axes] == [UniformNoise(type="uniform")] * 2
+    assert chosen.opcua is not None and chosen.opcua.port == 4841
+    assert chosen.modbus is not None and chosen.modbus.port == 5021
