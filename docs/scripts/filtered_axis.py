@@ -48,7 +48,7 @@ def record(seconds: float) -> np.ndarray:
         demo.wait(10)
 
 
-TRUTH_REGISTER = 2  # true position and velocity of the emulated PLC's first axis, config/scenario.yaml
+TRUTH_REGISTER = 102  # true position and velocity of the emulated PLC's first axis, config/scenario.yaml
 
 
 def _document(demo: subprocess.Popen[str]) -> str:
