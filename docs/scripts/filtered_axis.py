@@ -15,7 +15,7 @@ import numpy as np
 from pymodbus.client import ModbusTcpClient
 
 mpl.use("agg")
-from matplotlib import pyplot as plt  # noqa: E402
+from matplotlib import pyplot as plt
 
 SOFTPLC_AXIS = {"Position": 0, "Velocity": 2, "Raw": 4}  # offsets in the axis block, docs/modbus-map.md
 
@@ -62,7 +62,7 @@ def _document(demo: subprocess.Popen[str]) -> str:
 
 
 def _client(endpoint: str) -> ModbusTcpClient:
-    host, _, port = endpoint.split("//")[-1].split()[0].partition(":")
+    host, _, port = endpoint.rsplit("//", maxsplit=1)[-1].split(maxsplit=1)[0].partition(":")
     client = ModbusTcpClient(host, port=int(port))
     if not client.connect():
         raise SystemExit(f"no connection to {endpoint}")
