@@ -72,7 +72,7 @@ def _client(endpoint: str) -> ModbusTcpClient:
 def draw(rows: np.ndarray, output: Path) -> None:
     """Position above, velocity below; grey measured, orange filtered, black true."""
     t, raw, position, velocity, true_position, true_velocity = rows.T
-    figure, (above, below) = plt.subplots(2, 1, figsize=(12, 6), sharex=True, layout="constrained", height_ratios=(3, 2))
+    figure, (above, below) = plt.subplots(2, 1, figsize=(12, 6), sharex=True, layout="constrained")
     above.plot(t, raw, color="#b0b0b0", linewidth=1, label="measured")
     above.plot(t, true_position, color="black", linewidth=0.8, linestyle="--", label="true")
     above.plot(t, position, color="#e8710a", linewidth=1.8, label="filtered (softplc)")

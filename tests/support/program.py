@@ -74,7 +74,7 @@ class Program:
         pid = self.process.pid
         found = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
         spawned = [int(child) for child in found if "spawn_main" in Path(f"/proc/{child}/cmdline").read_text()]
-        return {name: child for name, child in zip(("emulator", "scan", "gateway"), spawned, strict=False)}
+        return dict(zip(("emulator", "scan", "gateway"), spawned, strict=False))
 
     def end(self, number: int = signal.SIGTERM, timeout: float = 20.0) -> int:
         """Send a signal and wait; returns the exit code."""
