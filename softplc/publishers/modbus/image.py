@@ -2,17 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softplc.exchange import Snapshot
-from softplc.publishers.modbus.rows import Origin, RegisterMap, RegisterType, Row
+from softplc.publishers.modbus.rows import BadValues, ByteOrder, Origin, RegisterMap, RegisterType, Row
 from softplc.sample import Quality, Reason, StatusCode
-
-ByteOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]
-BadValues = Literal["hold", "nan"]
 
 _UNKNOWN_AGE: Final = 65535.0
 
@@ -40,17 +37,17 @@ class RegisterImage:
     """All registers of a map as bytes, encoded once for each new snapshot.
 
     The bytes of one `encode` are one scan of each task and never change afterwards: whoever slices them cannot see
-    half a value. Values of several registers follow `byte_order`; a single register is big-endian, as the protocol
-    has it. While a tag is Bad its float reads as its last usable value (`bad_values` hold) or as NaN; an integer
-    keeps its last usable value, but for Quality and Connected, which read 0, and Reason. A value that was never
-    usable reads NaN, an integer 0.
+    half a value. Values of several registers follow the map's byte order; a single register is big-endian, as the
+    protocol has it. While a tag is Bad its float reads as its last usable value (`bad_values` hold) or as NaN; an
+    integer keeps its last usable value, but for Quality and Connected, which read 0, and Reason, which says why.
+    A float that was never usable reads NaN, an integer 0.
     """
 
-    def __init__(self, register_map: RegisterMap, tags: int, byte_order: ByteOrder, bad_values: BadValues) -> None:
+    def __init__(self, register_map: RegisterMap, tags: int, bad_values: BadValues) -> None:
         rows = register_map.rows
         self._vector = _Vector(rows, tags, hold=bad_values == "hold")
         self._registers: NDArray[np.uint16] = np.zeros(register_map.size, np.uint16)
-        self._groups = [_Group.of(rows, kind, self._vector, byte_order) for kind in RegisterType]
+        self._groups = [_Group.of(rows, kind, self._vector, register_map.byte_order) for kind in RegisterType]
         self._version = 0
         self._bytes = b""
 

@@ -76,7 +76,7 @@ def answer(buffer: bytes | bytearray, filled: int, units: frozenset[int], image:
 
 
 def _fault(first: int, quantity: int, served: int) -> int:
-    """Exception code of a read of `quantity` registers from `first`, 0 when it is right (V1.1b3, figure 13)."""
+    """Exception code of a read of `quantity` registers from `first`, 0 when it is right (V1.1b3, 6.3)."""
     if not 1 <= quantity <= MOST_REGISTERS:
         return ILLEGAL_DATA_VALUE
     if first + quantity > served:

@@ -2,9 +2,14 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
+from typing import Final, Literal
 
 from softplc.tags import DataType
+
+ByteOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]
+"""Order in which the bytes of a value of several registers are sent; A is the most significant."""
+BadValues = Literal["hold", "nan"]
+"""What a Bad float reads as: its last usable value, or NaN."""
 
 LAST_5_DIGIT: Final = 9998  # 40001 numbers register 0, 49999 register 9998; beyond it takes six digits
 
@@ -96,6 +101,7 @@ class RegisterMap:
     sections: tuple[Section, ...]
     size: int
     crc: int
+    byte_order: ByteOrder
 
     @property
     def rows(self) -> tuple[Row, ...]:

@@ -11,7 +11,7 @@ from softplc.exchange import Reader
 from softplc.publishers.modbus import protocol
 from softplc.publishers.modbus.config import ModbusPublisher
 from softplc.publishers.modbus.image import RegisterImage
-from softplc.publishers.modbus.map import layout
+from softplc.publishers.modbus.map import build_map
 from softplc.publishers.modbus.placement import PlacementError
 
 STALL_TIMEOUT_S: Final = 5.0  # a client that does not take its answers for so long is dropped
@@ -20,10 +20,7 @@ _SEND_BYTES: Final = 65_536  # answers waiting for a client, in the process and 
 _CLOSE_TIMEOUT_S: Final = 1.0
 _SWEEPS: Final = 4  # an idle client is dropped after 1 to 1 + 1/_SWEEPS of the idle timeout
 _WARN_EVERY_S: Final = 60.0
-_ANY_UNIT: Final = (
-    0,
-    255,
-)  # what clients send that mean the server itself (TCP/IP Implementation Guide V1.0b, 4.4.1)
+_ANY_UNIT: Final = (0, 255)  # both mean the server itself (TCP/IP Implementation Guide V1.0b: unit identifier)
 
 _log = structlog.get_logger("softplc.modbus")
 
@@ -36,15 +33,17 @@ class ModbusServer:
 
     def __init__(self, config: ModbusPublisher, reader: Reader, stall_timeout: float = STALL_TIMEOUT_S) -> None:
         try:
-            self.map = layout(reader.table, [(placed.axis, placed.address) for placed in config.placements])
+            self.map = build_map(reader.table, config)
         except PlacementError as error:
             raise ConfigError(*(f"Modbus register map: {text}" for _, text in error.problems)) from error
         self.units = frozenset({config.unit_id, *_ANY_UNIT})
         self.stall_timeout = stall_timeout
         self._config = config
         self._reader = reader
-        self._image = RegisterImage(self.map, len(reader.table), config.byte_order, config.bad_values)
+        self._image = RegisterImage(self.map, len(reader.table), config.bad_values)
         self._connections: set[_Connection] = set()
+        self._deserted = asyncio.Event()
+        self._deserted.set()
         self._server: asyncio.Server | None = None
         self._sweeper: asyncio.TimerHandle | None = None
         self._full_warned: asyncio.TimerHandle | None = None
@@ -78,6 +77,7 @@ class ModbusServer:
         try:
             async with asyncio.timeout(_CLOSE_TIMEOUT_S):
                 await self._server.wait_closed()
+                await self._deserted.wait()  # aborted ones leave in the loop's next turn
         except TimeoutError:
             _log.warning("modbus server did not close in time", clients=len(self._connections))
         self._server = None
@@ -97,11 +97,14 @@ class ModbusServer:
             self._warn_full()
             return False
         self._connections.add(connection)
+        self._deserted.clear()
         return True
 
     def leave(self, connection: "_Connection") -> None:
         """A connection is gone."""
         self._connections.discard(connection)
+        if not self._connections:
+            self._deserted.set()
 
     def _warn_full(self) -> None:
         if self._full_warned is None:
