@@ -54,9 +54,10 @@ class RegisterImage:
     def encode(self, snapshot: Snapshot) -> bytes:
         """The registers of this snapshot; the same object as before when the snapshot is the same."""
         if snapshot.version != self._version:
-            vector = self._vector.fill(snapshot)
-            for group in self._groups:
-                group.scatter(vector, self._registers)
+            with np.errstate(over="ignore", invalid="ignore"):  # beyond float32 is infinite; NaN stays NaN
+                vector = self._vector.fill(snapshot)
+                for group in self._groups:
+                    group.scatter(vector, self._registers)
             self._version, self._bytes = snapshot.version, self._registers.tobytes()
         return self._bytes
 
@@ -164,5 +165,4 @@ class _Group:
         values = vector[self.sources]
         if self.kind in _LIMITS:
             values = np.clip(np.nan_to_num(values), _LIMITS[self.kind][0], self.highest)
-        with np.errstate(over="ignore"):  # beyond float32 it is infinite
-            registers[self.words] = values.astype(self.dtype).view(np.uint16)
+        registers[self.words] = values.astype(self.dtype).view(np.uint16)
