@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from softplc.clock import Clock, SystemClock
+from softplc.clock import Clock, VirtualClock
 from softplc.exchange import Reader, Snapshot, Writer, size
-from softplc.observers.axes import axis_tags
+from softplc.observers.aoi import AoiConfig
+from softplc.observers.axes import AxisSpec, axis_tags
 from softplc.publishers.modbus.config import ModbusPublisher
 from softplc.publishers.modbus.rows import Origin, RegisterMap, RegisterType
 from softplc.publishers.modbus.server import ModbusServer
@@ -34,9 +35,25 @@ def full_table() -> TagTable:
     return table
 
 
+def plant(tasks: int = 1, sources: int = 1, axes: int = 2) -> TagTable:
+    """Tables of any size: task0, task1 …, all sources and axes in the first."""
+    table = TagTable()
+    observer = AoiConfig(type="aoi", r_x=1.0)
+    for task in range(tasks):
+        table.add_block(f"task{task}", "task", task_tags(f"task{task}"))
+        if task == 0:
+            for source in range(sources):
+                table.add_block(f"plc{source}", "source", source_tags(f"plc{source}"))
+            for axis in range(axes):
+                spec = AxisSpec(f"Axis{axis}")
+                table.add_block(spec.name, "axis", axis_tags(spec, observer.tuning_tags(spec)))
+        table.close_section(f"task{task}")
+    return table
+
+
 def full_exchange(clock: Clock | None = None) -> Exchange:
     """An exchange over the full table; every tag Good, every value different and exact in float32."""
-    clock = clock or SystemClock()
+    clock = clock or VirtualClock()
     table = full_table()
     buffer = bytearray(size(table))
     exchange = Exchange(table, Image(len(table)), Writer(buffer, table), Reader(buffer, table, clock), clock)

@@ -7,30 +7,13 @@ import json
 
 import pytest
 
-from softplc.observers.aoi import AoiConfig
-from softplc.observers.axes import AxisSpec, axis_tags
 from softplc.publishers.modbus.layout import layout
 from softplc.publishers.modbus.map import COLUMNS, build_map, render
 from softplc.publishers.modbus.placement import PlacementError, place
 from softplc.publishers.modbus.rows import numbered
-from softplc.scan import source_tags, task_tags
+from softplc.scan import task_tags
 from softplc.tags import DataType, Tag, TagTable
-from tests.publishers_modbus.support import any_port, full_table
-
-
-def plant(tasks: int = 1, sources: int = 1, axes: int = 2) -> TagTable:
-    table = TagTable()
-    observer = AoiConfig(type="aoi", r_x=1.0)
-    for task in range(tasks):
-        table.add_block(f"task{task}", "task", task_tags(f"task{task}"))
-        if task == 0:
-            for source in range(sources):
-                table.add_block(f"plc{source}", "source", source_tags(f"plc{source}"))
-            for axis in range(axes):
-                spec = AxisSpec(f"Axis{axis}")
-                table.add_block(spec.name, "axis", axis_tags(spec, observer.tuning_tags(spec)))
-        table.close_section(f"task{task}")
-    return table
+from tests.publishers_modbus.support import any_port, full_table, plant
 
 
 def address_of(table: TagTable, name: str, placements: tuple[tuple[str, int], ...] = ()) -> int:
