@@ -22,7 +22,7 @@ _SWEEPS: Final = 4  # an idle client is dropped after 1 to 1 + 1/_SWEEPS of the 
 _WARN_EVERY_S: Final = 60.0
 _ANY_UNIT: Final = (0, 255)  # both mean the server itself (TCP/IP Implementation Guide V1.0b: unit identifier)
 
-_log = structlog.get_logger("softplc.modbus")
+log = structlog.get_logger(__name__)
 
 
 class ModbusServer:
@@ -46,7 +46,7 @@ class ModbusServer:
         self._deserted.set()
         self._server: asyncio.Server | None = None
         self._sweeper: asyncio.TimerHandle | None = None
-        self._full_warned: asyncio.TimerHandle | None = None
+        self._warned: dict[str, asyncio.TimerHandle] = {}
 
     async def open(self) -> str:
         """Listen; returns the endpoint as in `modbus://127.0.0.1:5020`."""
@@ -66,7 +66,7 @@ class ModbusServer:
 
     async def close(self) -> None:
         """Stop listening, drop every client."""
-        for timer in (self._sweeper, self._full_warned):
+        for timer in (self._sweeper, *self._warned.values()):
             if timer is not None:
                 timer.cancel()
         if self._server is None:
@@ -79,7 +79,7 @@ class ModbusServer:
                 await self._server.wait_closed()
                 await self._deserted.wait()  # aborted ones leave in the loop's next turn
         except TimeoutError:
-            _log.warning("modbus server did not close in time", clients=len(self._connections))
+            log.warning("modbus server did not close in time", clients=len(self._connections))
         self._server = None
 
     @property
@@ -94,7 +94,7 @@ class ModbusServer:
     def admit(self, connection: "_Connection") -> bool:
         """Count a new client in, unless there are too many."""
         if len(self._connections) >= self._config.max_clients:
-            self._warn_full()
+            self.warn("modbus client refused, too many are connected", limit=self._config.max_clients)
             return False
         self._connections.add(connection)
         self._deserted.clear()
@@ -106,13 +106,12 @@ class ModbusServer:
         if not self._connections:
             self._deserted.set()
 
-    def _warn_full(self) -> None:
-        if self._full_warned is None:
-            _log.warning("modbus client refused, too many are connected", max_clients=self._config.max_clients)
-            self._full_warned = asyncio.get_running_loop().call_later(_WARN_EVERY_S, self._may_warn_again)
-
-    def _may_warn_again(self) -> None:
-        self._full_warned = None
+    def warn(self, event: str, **fields: float) -> None:
+        """Log what a client can bring about at will: each event once a minute at most."""
+        if event not in self._warned:
+            log.warning(event, clients=self.clients, **fields)
+            loop = asyncio.get_running_loop()
+            self._warned[event] = loop.call_later(_WARN_EVERY_S, self._warned.pop, event)
 
     def _sweep(self) -> None:
         """Drop those that asked nothing during the last sweeps."""
@@ -171,7 +170,7 @@ class _Connection(asyncio.BufferedProtocol):
     def pause_writing(self) -> None:
         self._transport.pause_reading()
         loop = asyncio.get_running_loop()
-        self._stalled = loop.call_later(self._server.stall_timeout, self.drop)
+        self._stalled = loop.call_later(self._server.stall_timeout, self._drop_stalled)
 
     def resume_writing(self) -> None:
         self._cancel_stall()
@@ -180,6 +179,10 @@ class _Connection(asyncio.BufferedProtocol):
     def drop(self) -> None:
         """Let go of the client at once."""
         self._transport.abort()
+
+    def _drop_stalled(self) -> None:
+        self._server.warn("modbus client dropped, it does not take its answers", seconds=self._server.stall_timeout)
+        self.drop()
 
     def _cancel_stall(self) -> None:
         if self._stalled is not None:
