@@ -70,7 +70,7 @@ def test_all_listeners_are_on_loopback(demo):
     for pid in pids:
         for entry in Path(f"/proc/{pid}/fd").iterdir():
             try:
-                inodes.add(os.readlink(entry))
+                inodes.add(str(entry.readlink()))
             except OSError:
                 continue
     listening = []
