@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from pymodbus.client import ModbusTcpClient
 
+from softplc.publishers.modbus.offsets import AXIS
 from tests.support.network import eventually
 from tests.support.program import Program
 
@@ -57,9 +58,7 @@ async def test_both_axes_become_good_and_stay_near_the_truth(demo):
 
 
 def quality_of(client: ModbusTcpClient, axis: int) -> int:
-    from softplc.publishers.modbus.map import AXIS_OFFSETS
-
-    reply = client.read_input_registers(axis + AXIS_OFFSETS["Quality"], count=1, device_id=1)
+    reply = client.read_input_registers(axis + AXIS.offsets["Quality"], count=1, device_id=1)
     return int(reply.registers[0])
 
 
