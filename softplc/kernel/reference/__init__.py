@@ -1,0 +1,1 @@
+"""The observers as scalars, one function for each function block: the specification, slow and readable."""
