@@ -101,6 +101,17 @@ def test_finite_tells_the_rows_whose_state_is_a_number():
     assert state.finite().tolist() == [True, False, False]
 
 
+def test_a_cleared_row_is_as_before_the_first_scan_and_the_others_are_as_they_were():
+    state, scan = batch.AoiBatchState(2), AoiInputs(True, 3.0, 50.0, 0.01, 0.1, 1.0)
+    step(state, scan, [1.0, 2.0])
+    before = [getattr(state, name)[0] for name in OUTPUTS]
+
+    state.clear(np.array([False, True]))
+
+    assert [getattr(state, name)[1] for name in OUTPUTS] == [0.0] * len(OUTPUTS)
+    assert [getattr(state, name)[0] for name in OUTPUTS] == before
+
+
 @pytest.mark.parametrize("precision", ["real", "lreal"])
 @pytest.mark.filterwarnings("error")
 def test_neither_form_lets_a_warning_of_numpy_out(precision: str):

@@ -23,7 +23,7 @@ _CORRECTED = slice(3, 10)  # x_dot_pred, P0..P3, K0, K1: written only when S > 0
 class AoiBatchState:
     """The persistent variables of n function blocks as arrays[n], named as in the Structured Text; zero at first.
 
-    `finite` tells the rows in which every one of them is a number.
+    The y and y_dot of a row are also its outputs.
     """
 
     def __init__(self, n: int, dtype: DTypeLike = np.float64) -> None:
@@ -44,7 +44,13 @@ class AoiBatchState:
         """Rows without NaN and infinity in the state; valid until the next call."""
         scratch = self._scratch
         np.isfinite(self._rows, out=scratch.finite)
-        return np.logical_and.reduce(scratch.finite, axis=0, out=scratch.flag)
+        return np.logical_and.reduce(scratch.finite, axis=0, out=scratch.all_finite)
+
+    def clear(self, rows: Flags) -> None:
+        """Forget everything about these rows, as before the first scan."""
+        for array in (self.init, self.dt_s, self.y, self.y_dot):
+            array[rows] = 0
+        self._rows[:, rows] = 0
 
 
 class AoiTuning:
@@ -87,6 +93,7 @@ class _Scratch:
         self.ok: Flags = np.zeros(n, np.bool_)
         self.flag: Flags = np.zeros(n, np.bool_)
         self.finite: Flags = np.zeros((10, n), np.bool_)
+        self.all_finite: Flags = np.zeros(n, np.bool_)
         self.result: NDArray[np.uint8] = np.zeros(n, np.uint8)
 
 

@@ -1,0 +1,107 @@
+"""The time step of each axis: measured, never lost, never negative; and what a repeated sample is worth."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softplc.observers.axes import AxisPlace
+from softplc.observers.judgement import Judgement
+from softplc.timing import Scan
+
+Flags = NDArray[np.bool_]
+
+
+class TimeStep:
+    """Decides for each axis and scan whether the observer steps and by how much. Arrays[axes], times in seconds.
+
+    `dt`: the step where `rows` is true, the time to predict over where `predict` is true. `rows`: the observer
+    takes this sample (or passes it through, where it is disabled). `predict`: it does not, and what is published
+    is the state carried on to now. `timestamps`: source timestamp of the newest used sample, ns.
+    """
+
+    def __init__(self, places: Sequence[AxisPlace]) -> None:
+        n, specs = len(places), [place.spec for place in places]
+        self._by_arrival = np.array([spec.dt_source == "arrival" for spec in specs])
+        self._by_stamp = np.array([spec.dt_source != "scan" for spec in specs])
+        self._may_predict = np.array([spec.on_repeat == "predict" for spec in specs])
+        self._held_after = np.array([spec.held_after for spec in specs])
+        self._reinit_after = np.array([spec.reinit_after for spec in specs])
+        self._by_scan_only = not (self._by_stamp.any() or self._may_predict.any())
+
+        self._pending = np.zeros(n)  # measured time since the last step
+        self._unseen = np.zeros(n)  # measured time since the last usable sample
+        self._repeated_for = np.zeros(n)
+        self._ahead = np.zeros(n)  # how far the state is ahead of the stamp of the last used sample
+        self._z = np.full(n, np.nan)  # the last used sample
+        self._arrivals = np.full(n, np.nan)
+        self._a, self._b = np.zeros(n), np.zeros(n)
+        self._flag: Flags = np.zeros(n, np.bool_)
+
+        self.timestamps = np.zeros(n, np.int64)
+        self.dt = np.zeros(n)
+        self.rows: Flags = np.zeros(n, np.bool_)
+        self.predict: Flags = np.zeros(n, np.bool_)
+
+    def advance(self, scan: Scan, samples: Judgement, enabled: Flags, init: Flags) -> None:
+        """Decide this scan's steps; clears `init[axes]` where the observer has to start again."""
+        elapsed = scan.dt if scan.dt > 0.0 else 0.0
+        usable = samples.usable
+        self._pending += elapsed
+        self._unseen += elapsed
+
+        # Start again after disable, and after too long without a usable sample: a scan's own period is no gap.
+        np.subtract(self._unseen, scan.period, out=self._a)
+        np.less_equal(self._a, self._reinit_after, out=self._flag)
+        np.logical_and(init, self._flag, out=init)
+        np.logical_and(init, enabled, out=init)
+
+        np.logical_and(usable, init, out=self._flag)  # those that go on from where they are
+        if self._by_scan_only:
+            np.copyto(self.dt, self._pending)
+            np.less_equal(self.dt, 0.0, out=self.predict)
+        else:
+            self._measure(scan, elapsed, samples, usable)
+        np.logical_and(self.predict, self._flag, out=self.predict)
+        np.greater(usable, self.predict, out=self.rows)
+        if not self._flag.all():
+            started = self.rows & ~self._flag
+            self.dt[started] = np.where(enabled[started], elapsed, 0.0)
+            self._ahead[started] = 0.0
+            self._repeated_for[started] = 0.0
+        np.copyto(self.dt, self._pending, where=self.predict)
+
+        np.copyto(self._pending, 0.0, where=self.rows)
+        np.copyto(self._unseen, 0.0, where=usable)
+        np.copyto(self.timestamps, samples.timestamps, where=usable)
+        np.copyto(self._z, samples.z, where=usable)
+        np.copyto(self._arrivals, samples.arrivals, where=usable)
+
+    def _measure(self, scan: Scan, elapsed: float, samples: Judgement, usable: Flags) -> None:
+        """`dt` and `predict` of running axes where timestamps or repeated samples matter."""
+        since = np.where(
+            self._by_arrival,
+            samples.arrivals - self._arrivals,
+            (samples.timestamps - self.timestamps) * 1e-9,
+        )
+        same_stamp = since == 0.0
+        # A frozen stamp under a new value is a new sample with a useless stamp, not a repetition.
+        repeated = same_stamp & ((samples.arrivals == self._arrivals) | (samples.z == self._z))
+        self._repeated_for = np.where(
+            usable, np.where(repeated, self._repeated_for + elapsed, 0.0), self._repeated_for
+        )
+        predict = repeated & self._may_predict & (self._repeated_for < self._held_after)
+
+        # The stamps' own interval, less what was already stepped on repetitions. Backwards, or further ahead of our
+        # own clock than an axis may be without samples: the source's clock was set, our measured time serves.
+        rest = since - self._ahead
+        sound = self._by_stamp & (since > 0.0) & (rest <= self._pending + self._reinit_after)
+        self.dt[:] = np.where(sound, rest, self._pending)
+        self.predict[:] = predict | (self.dt <= 0.0)
+
+        # What is left when the state is ahead of the new stamp is carried; above one period it is two clocks
+        # that run apart.
+        ahead = np.where(
+            sound, np.clip(-rest, 0.0, scan.period), np.where(same_stamp, self._ahead + self._pending, 0.0)
+        )
+        self._ahead = np.where(usable & ~predict, ahead, self._ahead)

@@ -1,0 +1,331 @@
+"""The status and reason table, row by row: what the outputs say when they are not plainly Good."""
+
+import math
+
+import numpy as np
+import pytest
+
+from softplc.observers.aoi import AoiConfig
+from softplc.observers.axes import AxisSpec
+from softplc.sample import Reason, StatusCode
+from tests.observers.rig import ESTIMATES, Rig, make_rig
+
+RAN = 10  # scans on a ramp of 10 u/s before the fault
+
+
+def running(*axes: AxisSpec) -> Rig:
+    rig = make_rig(*axes)
+    for k in range(RAN):
+        rig.scan(*[0.5 * k] * max(len(axes), 1))
+    return rig
+
+
+def estimates(rig: Rig) -> list[float]:
+    return [rig.get(leaf) for leaf in ESTIMATES]
+
+
+def assert_held(rig: Rig, before: list[float], stamp: float) -> None:
+    assert estimates(rig) == before
+    assert rig.stamp() == stamp
+
+
+def test_before_the_first_sample_the_axis_waits():
+    rig = make_rig()
+
+    rig.step()
+
+    assert rig.outcome() == (StatusCode.BAD_WAITING_FOR_INITIAL_DATA, Reason.WAITING)
+    assert (rig.status("Raw"), rig.get("Age"), rig.get("Enabled")) == (
+        StatusCode.BAD_WAITING_FOR_INITIAL_DATA,
+        0.0,
+        1.0,
+    )
+
+
+def test_the_scan_that_starts_the_observer_is_an_initial_value():
+    rig = make_rig()
+
+    rig.scan(3.0)
+
+    assert rig.outcome() == (StatusCode.UNCERTAIN_INITIAL_VALUE, Reason.INITIALISING)
+    assert (rig.get("Position"), rig.get("Velocity"), rig.get("Dt")) == (3.0, 0.0, 0.05)
+
+
+def test_a_good_sample_gives_good_outputs_with_its_own_timestamp():
+    rig = running()
+
+    rig.scan(5.0, stamp=rig.now + 0.04)
+
+    assert rig.outcome() == (StatusCode.GOOD, Reason.NONE)
+    (stamp,) = {rig.stamp(leaf) for leaf in (*ESTIMATES, "Raw")}
+    assert stamp == pytest.approx(rig.now - 0.01, abs=1e-8)  # seconds as floats beside nanoseconds
+    assert rig.stamp("Quality") == rig.stamp("Age") == pytest.approx(rig.now, abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("status", "reason"),
+    [
+        (StatusCode.BAD_NO_COMMUNICATION, Reason.NO_COMMUNICATION),
+        (StatusCode.BAD_NOT_CONNECTED, Reason.NO_COMMUNICATION),
+        (StatusCode.BAD_TIMEOUT, Reason.NO_COMMUNICATION),
+        (StatusCode.BAD_WAITING_FOR_INITIAL_DATA, Reason.WAITING),
+        (StatusCode.BAD_NODE_ID_UNKNOWN, Reason.CONFIGURATION),
+        (StatusCode.BAD_TYPE_MISMATCH, Reason.CONFIGURATION),
+        (StatusCode.BAD_NOT_READABLE, Reason.CONFIGURATION),
+        (StatusCode.BAD_CONFIGURATION_ERROR, Reason.CONFIGURATION),
+    ],
+)
+def test_without_connection_data_or_tag_the_outputs_are_as_bad_as_the_input(status: StatusCode, reason: Reason):
+    rig = running()
+    used = rig.stamp()
+
+    rig.fail(status)
+
+    assert rig.outcome() == (status, reason)
+    assert rig.status("Raw") == status
+    assert rig.stamp() == used
+
+
+def test_information_bits_of_a_bad_status_are_kept_and_do_not_hide_its_meaning():
+    rig = running()
+
+    rig.fail(StatusCode.BAD_TIMEOUT | 0x0480)
+
+    assert rig.get("Reason") == Reason.NO_COMMUNICATION
+    assert rig.status() == StatusCode.BAD_TIMEOUT | 0x0480
+
+
+def test_any_other_bad_input_holds_the_last_outputs():
+    rig = running()
+    before, used = estimates(rig), rig.stamp()
+
+    rig.fail(StatusCode.BAD_SENSOR_FAILURE)
+
+    assert rig.outcome() == (StatusCode.UNCERTAIN_LAST_USABLE_VALUE, Reason.INPUT_BAD)
+    assert_held(rig, before, used)
+    assert (rig.status("Raw"), math.isnan(rig.get("Raw"))) == (StatusCode.BAD_SENSOR_FAILURE, True)
+
+
+def test_outputs_held_after_lost_communication_are_those_from_before_it():
+    rig = running()
+    before, used = estimates(rig), rig.stamp()
+
+    rig.fail(StatusCode.BAD_NO_COMMUNICATION)
+    rig.fail(StatusCode.BAD_DEVICE_FAILURE)
+
+    assert rig.outcome() == (StatusCode.UNCERTAIN_LAST_USABLE_VALUE, Reason.INPUT_BAD)
+    assert_held(rig, before, used)
+
+
+def test_an_axis_that_never_ran_has_nothing_to_hold():
+    rig = make_rig(AxisSpec("A0", range=(-100.0, 100.0)))
+    rig.fail(StatusCode.BAD_SENSOR_FAILURE)
+    assert rig.outcome() == (StatusCode.BAD_SENSOR_FAILURE, Reason.INPUT_BAD)
+
+    rig.scan(math.nan)
+    assert rig.outcome() == (StatusCode.BAD_OUT_OF_RANGE, Reason.INPUT_NOT_FINITE)
+
+    rig.scan(101.0)
+    assert rig.outcome() == (StatusCode.BAD_OUT_OF_RANGE, Reason.INPUT_OUT_OF_RANGE)
+    assert (rig.get("Raw"), rig.status("Raw")) == (101.0, StatusCode.GOOD)
+
+    rig.scan(50.0, status=StatusCode.UNCERTAIN_LAST_USABLE_VALUE, arrival=rig.now)  # as old as the last one
+    assert rig.outcome() == (StatusCode.BAD_WAITING_FOR_INITIAL_DATA, Reason.STALE)
+
+
+@pytest.mark.parametrize("z", [math.inf, -math.inf])
+def test_infinity_is_rejected_and_shown_as_read(z: float):
+    rig = running()
+    before, used = estimates(rig), rig.stamp()
+
+    rig.scan(z)
+
+    assert rig.outcome() == (StatusCode.UNCERTAIN_LAST_USABLE_VALUE, Reason.INPUT_NOT_FINITE)
+    assert_held(rig, before, used)
+    assert (rig.get("Raw"), rig.status("Raw")) == (z, StatusCode.GOOD)
+
+
+def test_nan_with_a_good_status_is_rejected_and_its_raw_tag_is_bad():
+    rig = running()
+    before, used = estimates(rig), rig.stamp()
+
+    rig.scan(math.nan)
+
+    assert rig.outcome() == (StatusCode.UNCERTAIN_LAST_USABLE_VALUE, Reason.INPUT_NOT_FINITE)
+    assert_held(rig, before, used)
+    assert rig.status("Raw") == StatusCode.BAD_OUT_OF_RANGE
+
+
+@pytest.mark.parametrize("z", [100.001, -1e9])
+def test_a_sample_outside_the_range_is_rejected(z: float):
+    rig = running(AxisSpec("A0", range=(-100.0, 100.0)))
+    before, used = estimates(rig), rig.stamp()
+
+    rig.scan(z)
+
+    assert rig.outcome() == (StatusCode.UNCERTAIN_ENGINEERING_UNITS_EXCEEDED, Reason.INPUT_OUT_OF_RANGE)
+    assert_held(rig, before, used)
+    assert (rig.get("Raw"), rig.status("Raw")) == (z, StatusCode.GOOD)
+
+
+@pytest.mark.parametrize("z", [100.0, -100.0])
+def test_the_limits_belong_to_the_range(z: float):
+    rig = make_rig(AxisSpec("A0", range=(-100.0, 100.0)))
+    rig.scan(z)
+    assert rig.get("Position") == z
+
+
+@pytest.mark.parametrize(
+    "status",
+    [StatusCode.UNCERTAIN_LAST_USABLE_VALUE, StatusCode.UNCERTAIN_NO_COMMUNICATION_LAST_USABLE_VALUE],
+)
+def test_a_scan_without_a_reply_from_the_source_is_no_evidence(status: StatusCode):
+    rig = running()
+    before, used = estimates(rig), rig.stamp()
+
+    rig.again(status)
+
+    assert rig.outcome() == (StatusCode.UNCERTAIN_LAST_USABLE_VALUE, Reason.STALE)
+    assert_held(rig, before, used)
+    assert (rig.get("Raw"), rig.status("Raw")) == (0.5 * (RAN - 1), status)
+
+
+@pytest.mark.parametrize(
+    "status", [StatusCode.UNCERTAIN, StatusCode.UNCERTAIN_SENSOR_NOT_ACCURATE, StatusCode.UNCERTAIN_LAST_USABLE_VALUE]
+)
+def test_an_uncertain_sample_that_did_arrive_is_used_and_its_status_passed_on(status: StatusCode):
+    rig, good = running(), running()
+
+    rig.scan(5.0, status=status)
+    good.scan(5.0)
+
+    assert rig.outcome() == (status, Reason.INPUT_UNCERTAIN)
+    assert estimates(rig) == estimates(good)
+
+
+def test_a_good_status_with_a_subcode_counts_as_good():
+    rig = running()
+    rig.scan(5.0, status=0x00960000)  # GoodLocalOverride
+    assert rig.outcome() == (StatusCode.GOOD, Reason.NONE)
+    assert rig.status("Raw") == 0x00960000
+
+
+def test_a_disabled_axis_passes_the_position_through():
+    rig = make_rig(AxisSpec("A0", enable=False))
+
+    rig.scan(3.0)
+
+    assert rig.outcome() == (StatusCode.UNCERTAIN_SUB_NORMAL, Reason.DISABLED)
+    assert [rig.get(leaf) for leaf in ("Position", "Velocity", "Dt", "NIS", "Enabled", "Enable")] == [
+        3,
+        0,
+        0,
+        0,
+        0,
+        0,
+    ]
+
+
+def test_what_the_observer_did_goes_before_an_uncertain_input():
+    rig = make_rig(AxisSpec("A0", enable=False), AxisSpec("A1"))
+
+    rig.scan(3.0, 4.0, status=StatusCode.UNCERTAIN_SENSOR_NOT_ACCURATE)
+
+    assert rig.outcome(0) == (StatusCode.UNCERTAIN_SUB_NORMAL, Reason.DISABLED)
+    assert rig.outcome(1) == (StatusCode.UNCERTAIN_INITIAL_VALUE, Reason.INITIALISING)
+
+
+def test_a_bad_input_goes_before_disabled():
+    rig = make_rig(AxisSpec("A0", enable=False))
+    rig.scan(3.0)
+
+    rig.fail(StatusCode.BAD_SENSOR_FAILURE)
+    assert rig.outcome() == (StatusCode.UNCERTAIN_LAST_USABLE_VALUE, Reason.INPUT_BAD)
+    assert rig.get("Position") == 3.0
+
+    rig.fail(StatusCode.BAD_NO_COMMUNICATION)
+    assert rig.outcome() == (StatusCode.BAD_NO_COMMUNICATION, Reason.NO_COMMUNICATION)
+
+
+def test_a_non_positive_innovation_variance_is_flagged_and_stays_so():
+    config = AoiConfig.model_construct(type="aoi", precision="lreal", q_x=0.0, q_x_dot=0.0, r_x=-2.0, bleed=None)
+    rig = make_rig((AxisSpec("A0"), config))
+
+    for k in range(3):  # a negative r_x does not pass the configuration; S = P00 + r_x is negative from the start
+        rig.scan(0.5 * k)
+        assert rig.outcome() == (StatusCode.UNCERTAIN_SUB_NORMAL, Reason.INNOVATION_VARIANCE)
+        assert (rig.get("S") < 0, rig.get("NIS"), rig.get("Position")) == (True, 0.0, 0.0)
+
+
+def test_a_state_that_is_no_number_is_never_shown_and_the_next_sample_starts_anew():
+    rig = make_rig()
+    rig.scan(1.7e308)
+    before, used = estimates(rig), rig.stamp()
+
+    rig.scan(-1.7e308)  # the innovation overflows
+    assert rig.outcome() == (StatusCode.UNCERTAIN_LAST_USABLE_VALUE, Reason.NOT_FINITE)
+    assert estimates(rig) == before
+    assert used < rig.now
+
+    rig.scan(5.0)
+    assert rig.outcome() == (StatusCode.UNCERTAIN_INITIAL_VALUE, Reason.INITIALISING)
+    assert (rig.get("Position"), rig.get("Velocity")) == (5.0, 0.0)
+
+
+def test_a_state_that_was_no_number_is_not_shown_by_a_disabled_axis_either():
+    rig = make_rig(AxisSpec("A0", enable_writable=True))
+    rig.scan(1.7e308)
+    rig.scan(-1.7e308)
+    rig.observer.command(rig.table.index("A0.Enable"), 0.0)
+
+    rig.scan(5.0)
+
+    assert rig.outcome() == (StatusCode.UNCERTAIN_SUB_NORMAL, Reason.DISABLED)
+    assert [rig.get(leaf) for leaf in ("Position", "Velocity", "P00", "K0")] == [5.0, 0.0, 0.0, 0.0]
+
+
+def test_a_state_from_a_skipped_update_is_not_good_while_it_is_carried_on():
+    config = AoiConfig.model_construct(type="aoi", precision="lreal", q_x=0.0, q_x_dot=0.0, r_x=-2.0, bleed=None)
+    rig = make_rig((AxisSpec("A0", on_repeat="predict"), config))
+    rig.scan(1.0)
+    rig.again()
+    assert rig.outcome() == (StatusCode.UNCERTAIN_SUB_NORMAL, Reason.INNOVATION_VARIANCE)
+
+
+def test_no_usable_time_step_at_the_start_passes_the_position_through():
+    rig = make_rig()
+    rig.scan(3.0, dt=0.0)
+    assert rig.outcome() == (StatusCode.UNCERTAIN_SUB_NORMAL, Reason.DT_INVALID)
+    assert (rig.get("Position"), rig.get("Velocity")) == (3.0, 0.0)
+
+
+def test_a_fault_on_one_axis_leaves_the_others_good():
+    rig, alone = running(AxisSpec("A0"), AxisSpec("A1"), AxisSpec("A2")), running()
+
+    rig.scan(5.0, math.nan, 5.0)
+    alone.scan(5.0)
+
+    outcomes = [rig.outcome(axis) for axis in range(3)]
+    assert outcomes[0] == outcomes[2] == (StatusCode.GOOD, Reason.NONE)
+    assert outcomes[1] == (StatusCode.UNCERTAIN_LAST_USABLE_VALUE, Reason.INPUT_NOT_FINITE)
+    assert [rig.get(leaf, 2) for leaf in ESTIMATES] == estimates(alone)
+
+
+def test_age_is_the_time_since_the_newest_arrival_and_survives_a_lost_connection():
+    rig = make_rig()
+    rig.scan(1.0, arrival=99.98)
+    assert rig.get("Age") == pytest.approx(0.02, abs=1e-9)
+
+    rig.inputs.arrivals[:] = np.nan  # a new connection has not seen a sample yet
+    rig.fail(StatusCode.BAD_NO_COMMUNICATION)
+    assert rig.get("Age") == pytest.approx(0.07, abs=1e-9)
+
+    rig.scan(1.0, arrival=rig.now + 0.06)  # read within the scan, after its start
+    assert rig.get("Age") == 0.0
+
+
+def test_age_counts_from_the_first_scan_while_nothing_has_arrived():
+    rig = make_rig()
+    rig.step()
+    rig.fail(StatusCode.BAD_WAITING_FOR_INITIAL_DATA)
+    assert rig.get("Age") == pytest.approx(0.05, abs=1e-9)
