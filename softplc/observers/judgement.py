@@ -60,7 +60,7 @@ _NOTHING_TO_HOLD_TABLE: Final = _by_reason(_NOTHING_TO_HOLD)
 
 def _is_any(code: NDArray[np.uint32], of: Sequence[StatusCode]) -> NDArray[np.bool_]:
     """Element by element; several times faster than numpy's isin for so few."""
-    found = code == np.uint32(of[0])
+    found: NDArray[np.bool_] = code == np.uint32(of[0])
     for status in of[1:]:
         found |= code == np.uint32(status)
     return found
