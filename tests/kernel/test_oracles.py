@@ -91,6 +91,21 @@ def test_noise_per_scan_makes_the_bandwidth_depend_on_the_period(dt: float, band
     assert steady_gains(0.001, 0.1, 4 / 3, dt)[0] / dt == pytest.approx(bandwidth, rel=0.03)  # given with two digits
 
 
+def slowest_time_constant(q_x: float, q_x_dot: float, r_x: float, dt: float) -> float:
+    """Of the α-β filter with the settled gains: its slowest pole, in seconds."""
+    K0, K1 = steady_gains(q_x, q_x_dot, r_x, dt)
+    return float(-dt / np.log(np.abs(np.roots([1, -(2 - K0 - dt * K1), 1 - K0])).max()))
+
+
+@pytest.mark.parametrize(("dt", "unscaled"), [(0.002, 0.09), (0.01, 0.25), (0.05, 0.60), (0.1, 0.85)])
+def test_noise_scaled_with_the_period_keeps_the_time_constant(dt: float, unscaled: float):
+    factor = dt / 0.05
+
+    assert slowest_time_constant(0.001, 0.1, 4 / 3, dt) == pytest.approx(unscaled, abs=0.005)  # two decimals
+    scaled = slowest_time_constant(0.001 * factor, 0.1 * factor, 4 / 3 / factor, dt)
+    assert scaled == pytest.approx(0.60, abs=0.005)
+
+
 def test_real_stays_within_single_precision_of_lreal_over_the_canonical_run():
     truth = np.cumsum(np.repeat([0.5, 0.0, 0.5, 0.0], 300))
     x = truth + np.random.default_rng(0).uniform(-2, 2, 1200)
