@@ -64,6 +64,10 @@ class Observer(Protocol):
         """Take a written value for the tag at this index of `outputs`; False when it is none of its writable tags."""
         ...
 
+    def park(self, outputs: Image) -> None:
+        """Mark the estimates of every instance Bad (BadInternalError): the observer raised and runs no more."""
+        ...
+
 
 class Publisher(Protocol):
     """Serves the published tags to clients, in the gateway process."""

@@ -107,7 +107,8 @@ def quality(status: NDArray[np.uint32]) -> NDArray[np.uint8]: ...
 def quality(status: int | NDArray[np.uint32]) -> Quality | NDArray[np.uint8]:
     """Severity of raw StatusCodes: the top two bits, 00 Good, 01 Uncertain, 1x Bad (OPC 10000-4, 7.39)."""
     if isinstance(status, np.ndarray):
-        return _QUALITY_OF_SEVERITY[status >> np.uint32(30)]
+        qualities: NDArray[np.uint8] = _QUALITY_OF_SEVERITY[status >> np.uint32(30)]
+        return qualities
     return Quality(max(2 - (status >> 30), 0))
 
 

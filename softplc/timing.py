@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,8 +38,7 @@ def next_deadline(start: float, period: float, now: float) -> tuple[float, int]:
     return deadline, slot
 
 
-@dataclass(frozen=True, slots=True)
-class Percentiles:
+class Percentiles(NamedTuple):
     """Summary of a window of durations, in seconds; `max` is over all time."""
 
     p50: float

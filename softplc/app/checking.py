@@ -1,0 +1,128 @@
+"""What `check` and `health` find out: what a configuration means, what its sources answer, whether softplc scans."""
+
+import asyncio
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+from softplc.app.layout import SourceLayout, TaskLayout, build_layout
+from softplc.clock import Clock, SystemClock
+from softplc.config.models import Config
+from softplc.errors import LinkError
+from softplc.sample import Sample, StatusCode, quality
+from softplc.tags import Image
+
+_FIRST_DATA = 5.0  # seconds that a subscription gets for its first values
+
+
+def describe(config: Config) -> list[dict[str, Any]]:
+    """One row for each axis: where it reads, how often, with which observer."""
+    rows = []
+    for axis in config.axes:
+        task = config.task_of(axis)
+        rows.append(
+            {
+                "axis": axis.name,
+                "task": task.name,
+                "period_ms": task.period_ms,
+                "source": axis.input.source,
+                "tag": str(axis.input),
+                "unit": axis.unit,
+                "observer": axis.observer.type,
+            }
+        )
+    return rows
+
+
+def read_once(config: Config) -> list[dict[str, Any]]:
+    """One row for each tag that softplc would read: value, unit, status, source timestamp, age in seconds.
+
+    A source that cannot be reached gives rows with the reason under `error`.
+    """
+    return asyncio.run(_read_once(config))
+
+
+async def _read_once(config: Config) -> list[dict[str, Any]]:
+    clock = SystemClock()
+    units = {f"{axis.name}.Raw": axis.unit for axis in config.axes}
+    layout = build_layout(config)
+    sources = [(task, source) for task in layout.tasks for source in task.sources]
+    try:
+        groups = await asyncio.gather(*(_read_source(task, source, units, clock) for task, source in sources))
+    finally:
+        clock.close()
+    return [row for group in groups for row in group]
+
+
+async def _read_source(
+    task: TaskLayout, layout: SourceLayout, units: dict[str, str], clock: Clock
+) -> list[dict[str, Any]]:
+    source = layout.source
+    image = Image(len(layout.readings))
+    driver = source.build(list(layout.readings), layout.writings, clock, task.task.period_ms / 1e3)
+    error = ""
+    try:
+        async with asyncio.timeout(getattr(source, "connect_timeout_ms", 10_000.0) / 1e3):
+            await driver.open()
+        await _first_data(driver, image, clock)
+    except (LinkError, TimeoutError) as problem:
+        error = str(problem) or "no answer within the time limit"
+        image.fail(StatusCode.BAD_NO_COMMUNICATION)
+    finally:
+        await driver.close()
+    now = clock.utc_ns()
+    return [
+        _row(name, source.name, str(tag), units.get(name, ""), image.sample(position), now, error)
+        for position, (name, tag) in enumerate(zip(layout.reading_names, layout.readings, strict=True))
+    ]
+
+
+async def _first_data(driver: Any, image: Image, clock: Clock) -> None:
+    """Read until every tag has its first data; a subscription needs a moment."""
+    deadline = clock.monotonic() + _FIRST_DATA
+    while True:
+        await driver.read(image)
+        waiting = bool((image.statuses == StatusCode.BAD_WAITING_FOR_INITIAL_DATA).any())
+        if not waiting or clock.monotonic() > deadline:
+            return
+        await clock.sleep_until(clock.monotonic() + 0.05)
+
+
+def _row(name: str, source: str, tag: str, unit: str, sample: Sample, now: int, error: str) -> dict[str, Any]:
+    stamp = sample.source_timestamp
+    return {
+        "tag": name,
+        "source": source,
+        "address": tag,
+        "value": None if math.isnan(sample.value) else sample.value,
+        "unit": unit,
+        "status": status_name(sample.status),
+        "quality": quality(sample.status).name.capitalize(),
+        "source_timestamp": None if stamp is None else utc_text(stamp),
+        "age_s": None if stamp is None else round((now - stamp) / 1e9, 3),
+        "error": error,
+    }
+
+
+def utc_text(nanoseconds: int) -> str:
+    """A time stamp as ISO 8601 text with microseconds, UTC."""
+    from datetime import UTC, datetime  # noqa: PLC0415  formatting only; the time itself comes from the caller
+
+    return datetime.fromtimestamp(nanoseconds // 1000 / 1e6, UTC).isoformat(timespec="microseconds")
+
+
+def status_name(status: int) -> str:
+    """A raw StatusCode as OPC UA writes it, as in UncertainLastUsableValue; the number when it is none we know."""
+    try:
+        return "".join(word.capitalize() for word in StatusCode(status).name.split("_"))
+    except ValueError:
+        return f"0x{status:08X}"
+
+
+def configured_path(argument: Path | None) -> Path | None:
+    """The configuration file of a command that may go without: the argument, or what SOFTPLC_CONFIG names."""
+    if argument is not None:
+        return argument
+    named = os.environ.get("SOFTPLC_CONFIG")
+    return Path(named) if named else None

@@ -1,0 +1,51 @@
+"""What the scan process and the gateway share: signals, the life line to the supervisor, the exit code."""
+
+import asyncio
+import multiprocessing
+import signal
+import sys
+from collections.abc import Awaitable, Callable
+from multiprocessing.connection import Connection
+from typing import Any
+
+import structlog
+
+from softplc.errors import SoftplcError
+
+log = structlog.get_logger(__name__)
+
+
+def run_child(connection: "Connection[Any, Any]", body: Callable[[asyncio.Event], Awaitable[None]]) -> None:
+    """Run `body(stop)` in an event loop; `stop` is set by SIGTERM or when the supervisor is gone.
+
+    A SoftplcError is told to the supervisor as ("failed", exit code, text) and becomes this process' exit code.
+    SIGINT is left to the supervisor: a terminal sends it to everyone.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        asyncio.run(_run(body))
+    except* SoftplcError as group:
+        error = _first(group)
+        connection.send(("failed", error.exit_code, str(error)))
+        sys.exit(error.exit_code)
+
+
+async def _run(body: Callable[[asyncio.Event], Awaitable[None]]) -> None:
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    loop.add_signal_handler(signal.SIGTERM, stop.set)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        loop.add_reader(parent.sentinel, stop.set)
+    try:
+        await body(stop)
+    finally:
+        if parent is not None:
+            loop.remove_reader(parent.sentinel)
+
+
+def _first(group: "BaseExceptionGroup[SoftplcError]") -> SoftplcError:
+    error = group.exceptions[0]
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    return error

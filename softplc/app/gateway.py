@@ -1,0 +1,57 @@
+"""The gateway process: everything that listens, served from the exchange's newest snapshot."""
+
+import asyncio
+from contextlib import AsyncExitStack
+from functools import partial
+from multiprocessing.connection import Connection
+from typing import Any
+
+import structlog
+
+from softplc.app.child import run_child
+from softplc.app.layout import build_layout
+from softplc.app.logs import configure_logs
+from softplc.app.realtime import freeze_garbage
+from softplc.clock import SystemClock
+from softplc.config.models import Config
+from softplc.exchange import Reader
+from softplc.feed import Feed
+
+_FASTEST = 0.02  # seconds; nobody looks more often, and a feed costs CPU
+
+log = structlog.get_logger(__name__)
+
+
+def gateway_process(config_json: str, buffer: Any, connection: "Connection[Any, Any]") -> None:
+    """Entry point of the process: serve until told to stop. Sends ("ready", {type: endpoint}) when all listen."""
+    config = Config.model_validate_json(config_json)
+    configure_logs(config.log, "gateway")
+    run_child(connection, partial(_serve, config, buffer, connection))
+
+
+async def _serve(config: Config, buffer: Any, connection: "Connection[Any, Any]", stop: asyncio.Event) -> None:
+    clock = SystemClock()
+    reader = Reader(buffer, build_layout(config).table, clock)
+    endpoints = []
+    feeds = []
+    async with AsyncExitStack() as stack:
+        stack.callback(clock.close)
+        for settings in config.publishers:
+            publisher = settings.build(reader)
+            endpoints.append((settings.type, await publisher.open()))
+            stack.push_async_callback(publisher.close)
+            feeds.append(Feed(settings.type, publisher, clock, _interval(config, settings)))
+        freeze_garbage()
+        connection.send(("ready", endpoints))
+        async with asyncio.TaskGroup() as group:
+            running = [group.create_task(feed.run(), name=feed.name) for feed in feeds]
+            await stop.wait()
+            for task in running:
+                task.cancel()
+
+
+def _interval(config: Config, settings: Any) -> float:
+    configured = getattr(settings, "interval_ms", None)
+    if configured is not None:
+        return float(configured) / 1000.0
+    return max(min(task.period_ms for task in config.tasks) / 1000.0, _FASTEST)

@@ -1,0 +1,158 @@
+"""From the configuration to the tag table and to what each task reads, observes and writes: pure, no I/O.
+
+The scan process and the gateway both build the layout from the same configuration, so that an index means the
+same tag in both.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from softplc.config.models import Axis, Config, Source, Task, WriteBack
+from softplc.observers.axes import AxisPlace, AxisSpec, axis_tags
+from softplc.scan import source_tags, task_tags
+from softplc.tags import Block, TagTable
+
+
+@dataclass(slots=True)
+class SourceLayout:
+    """One source of a task: its tag models with their positions, and where its readings go in the inputs."""
+
+    source: Source
+    block: Block
+    start: int = 0
+    readings: dict[Any, int] = field(default_factory=dict)
+    reading_names: list[str] = field(default_factory=list)
+    writings: list[Any] = field(default_factory=list)
+    writing_names: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class WriteBackLayout:
+    """One write-back: published tag, source, and position among the source's writings."""
+
+    config: WriteBack
+    index: int
+    source: str
+    position: int
+
+
+@dataclass(frozen=True, slots=True)
+class ObserverLayout:
+    """All axes that one observer object steps: equal task, type and group key."""
+
+    places: tuple[AxisPlace, ...]
+    configs: tuple[Any, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TaskLayout:
+    """Everything that one task is made of."""
+
+    task: Task
+    section: int
+    block: Block
+    sources: tuple[SourceLayout, ...]
+    observers: tuple[ObserverLayout, ...]
+    write_backs: tuple[WriteBackLayout, ...]
+    inputs: int
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """The tag table and its tasks."""
+
+    table: TagTable
+    tasks: tuple[TaskLayout, ...]
+
+
+def build_layout(config: Config) -> Layout:
+    """Lay out the tasks that have axes, in the order of the file."""
+    table = TagTable()
+    sources = {source.name: source for source in config.sources}
+    tasks: list[TaskLayout] = []
+    for task in config.tasks:
+        axes = [axis for axis in config.axes if config.task_of(axis) is task]
+        if axes:
+            tasks.append(_lay_out_task(table, task, axes, sources, len(tasks)))
+    return Layout(table, tuple(tasks))
+
+
+def axis_spec(axis: Axis) -> AxisSpec:
+    """The axis as the observers see it."""
+    enable = axis.enable
+    return AxisSpec(
+        name=axis.name,
+        unit=axis.unit,
+        range=axis.range,
+        enable=enable if isinstance(enable, bool) else getattr(enable, "initial", False),
+        enable_writable=hasattr(enable, "writable"),
+        dt_source=axis.dt_source,
+        on_repeat=axis.on_repeat,
+        held_after=axis.held_after_ms / 1000.0,
+    )
+
+
+def _lay_out_task(
+    table: TagTable, task: Task, axes: Sequence[Axis], sources: dict[str, Source], section: int
+) -> TaskLayout:
+    block = table.add_block(task.name, "task", task_tags(task.name))
+    used = _sources_of(table, axes, sources)
+    for axis in axes:
+        _read(used, axis.input, f"{axis.name}.Raw")
+        if hasattr(axis.enable, "source"):
+            _read(used, axis.enable, f"{axis.name}.Enable")
+    start = 0
+    for source in used.values():
+        source.start = start
+        start += len(source.readings)
+    groups: dict[Any, list[tuple[AxisPlace, Any]]] = defaultdict(list)
+    write_backs: list[WriteBackLayout] = []
+    for axis in axes:
+        place = _place(table, used, axis)
+        groups[axis.observer.type, axis.observer.group_key].append((place, axis.observer))
+        write_backs += [_write(used, axis.name, place.block, write_back) for write_back in axis.write_back]
+    table.close_section(task.name)
+    observers = tuple(
+        ObserverLayout(tuple(place for place, _ in group), tuple(config for _, config in group))
+        for group in groups.values()
+    )
+    return TaskLayout(task, section, block, tuple(used.values()), observers, tuple(write_backs), start)
+
+
+def _sources_of(table: TagTable, axes: Sequence[Axis], sources: dict[str, Source]) -> dict[str, SourceLayout]:
+    names: dict[str, None] = {}
+    for axis in axes:
+        names[axis.input.source] = None
+        if hasattr(axis.enable, "source"):
+            names[axis.enable.source] = None
+        for write_back in axis.write_back:
+            names[write_back.tag.source] = None
+    return {name: SourceLayout(sources[name], table.add_block(name, "source", source_tags(name))) for name in names}
+
+
+def _read(used: dict[str, SourceLayout], tag: Any, name: str) -> None:
+    source = used[tag.source]
+    if tag not in source.readings:  # two axes may share one enable tag
+        source.readings[tag] = len(source.readings)
+        source.reading_names.append(name)
+
+
+def _place(table: TagTable, used: dict[str, SourceLayout], axis: Axis) -> AxisPlace:
+    def position(tag: Any) -> int:
+        source = used[tag.source]
+        return source.start + source.readings[tag]
+
+    spec = axis_spec(axis)
+    enable = position(axis.enable) if hasattr(axis.enable, "source") else None
+    block = table.add_block(axis.name, "axis", axis_tags(spec, axis.observer.tuning_tags(spec)))
+    return AxisPlace(spec, position(axis.input), enable, block)
+
+
+def _write(used: dict[str, SourceLayout], axis: str, block: Block, write_back: WriteBack) -> WriteBackLayout:
+    source = used[write_back.tag.source]
+    source.writings.append(write_back.tag)
+    source.writing_names.append(f"{axis}.{write_back.output}")
+    index = block.index(write_back.output)
+    return WriteBackLayout(write_back, index, write_back.tag.source, len(source.writings) - 1)

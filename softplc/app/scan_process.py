@@ -1,0 +1,121 @@
+"""The scan process: links, tasks and observers; it listens on nothing."""
+
+import asyncio
+from collections.abc import Callable
+from functools import partial
+from multiprocessing.connection import Connection
+from typing import Any
+
+import structlog
+
+from softplc.app.child import run_child
+from softplc.app.layout import Layout, SourceLayout, TaskLayout, build_layout
+from softplc.app.logs import configure_logs
+from softplc.app.notify import Watchdog, watchdog_interval
+from softplc.app.realtime import apply_realtime, freeze_garbage
+from softplc.clock import Clock, SystemClock
+from softplc.config.models import Config
+from softplc.exchange import Writer
+from softplc.link import Link
+from softplc.scan import CyclicTask, LinkPlace
+from softplc.tags import Image
+from softplc.timing import Scan
+from softplc.writeback import WriteBack
+
+_REPLAY_TIMEOUT = 10.0
+
+log = structlog.get_logger(__name__)
+
+
+def scan_process(config_json: str, buffer: Any, connection: "Connection[Any, Any]") -> None:
+    """Entry point of the process: scan until told to stop."""
+    config = Config.model_validate_json(config_json)
+    configure_logs(config.log, "scan")
+    run_child(connection, partial(_scan, config, buffer, connection))
+
+
+async def _scan(config: Config, buffer: Any, connection: "Connection[Any, Any]", stop: asyncio.Event) -> None:
+    clock = SystemClock()
+    layout = build_layout(config)
+    tasks = build_tasks(layout, Writer(buffer, layout.table), clock)
+    watchdog = Watchdog(len(tasks), watchdog_interval())
+    for number, task in enumerate(tasks):
+        task.on_scan = _beat(watchdog, number)
+    apply_realtime(config.realtime)
+    connection.send(("ready", {}))
+    try:
+        async with asyncio.TaskGroup() as group:
+            running = start_tasks(group, tasks)
+            if config.realtime.gc_freeze:
+                freeze_garbage()
+            await stop.wait()
+            for coroutine in running:
+                coroutine.cancel()
+    finally:
+        clock.close()
+
+
+def start_tasks(group: asyncio.TaskGroup, tasks: list[CyclicTask]) -> list["asyncio.Task[None]"]:
+    """Start every link and every task in the group."""
+    running = [group.create_task(place.link.run(), name=place.link.name) for task in tasks for place in task.links]
+    return running + [group.create_task(task.run(), name=task.name) for task in tasks]
+
+
+def build_tasks(layout: Layout, writer: Writer, clock: Clock) -> list[CyclicTask]:
+    """The cyclic tasks of a layout, ready to run. Imports the libraries of the protocols that are used."""
+    image = Image(len(layout.table))
+    tasks: list[CyclicTask] = []
+
+    def dispatch_commands() -> None:
+        for index, value in writer.commands():
+            taken = any(observer.command(index, value) for task in tasks for observer in task.observers)
+            if not taken:
+                log.warning("command for a tag that takes none", tag=layout.table.tags[index].name)
+
+    tasks += [_build_task(task, image, writer, clock, dispatch_commands) for task in layout.tasks]
+    return tasks
+
+
+def _build_task(
+    layout: TaskLayout, image: Image, writer: Writer, clock: Clock, dispatch_commands: Callable[[], None]
+) -> CyclicTask:
+    period = layout.task.period_ms / 1000.0
+    links = {source.source.name: _build_link(source, clock, period) for source in layout.sources}
+    return CyclicTask(
+        name=layout.task.name,
+        period=period,
+        priority=layout.task.priority,
+        clock=clock,
+        links=[LinkPlace(links[source.source.name], source.start, source.block) for source in layout.sources],
+        inputs=Image(layout.inputs),
+        observers=[type(group.configs[0]).build(group.places, group.configs) for group in layout.observers],
+        write_backs=[
+            WriteBack(
+                write_back.index,
+                links[write_back.source],
+                write_back.position,
+                write_back.config.deadband,
+                write_back.config.every_scans,
+                write_back.config.min_interval_ms / 1000.0,
+            )
+            for write_back in layout.write_backs
+        ],
+        outputs=image,
+        block=layout.block,
+        section=layout.section,
+        writer=writer,
+        dispatch_commands=dispatch_commands,
+    )
+
+
+def _build_link(layout: SourceLayout, clock: Clock, period: float) -> Link:
+    source = layout.source
+    make = partial(source.build, list(layout.readings), layout.writings, clock, period)
+    make()  # imports the protocol's library now rather than on the scan's time
+    timeout = getattr(source, "timeout_ms", _REPLAY_TIMEOUT * 1e3) / 1e3
+    connect_timeout = getattr(source, "connect_timeout_ms", _REPLAY_TIMEOUT * 1e3) / 1e3
+    return Link(source.name, make, layout.reading_names, layout.writing_names, clock, timeout, connect_timeout)
+
+
+def _beat(watchdog: Watchdog, number: int) -> Callable[[Scan], None]:
+    return lambda scan: watchdog.beat(number, scan.start)

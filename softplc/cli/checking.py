@@ -1,0 +1,102 @@
+"""The commands that look and end: check, browse, replay, health, export."""
+
+import asyncio
+import os
+import sys
+from pathlib import Path
+
+from softplc.cli.output import messages, print_json, print_table
+from softplc.errors import LinkError, SoftplcError
+
+
+def check(path: Path, *, connect: bool, as_json: bool) -> int:
+    """Validate, and with `connect` read every tag once; see `softplc check --help`."""
+    from softplc.app.checking import describe, read_once  # noqa: PLC0415
+    from softplc.config.load import load  # noqa: PLC0415
+
+    config = load(path)
+    if not connect:
+        rows = describe(config)
+        if as_json:
+            print_json(rows)
+        else:
+            print_table(rows, ("axis", "task", "period_ms", "source", "tag", "unit", "observer"))
+        messages.print(f"{path}: valid", style="green")
+        return 0
+    rows = read_once(config)
+    if as_json:
+        print_json(rows)
+    else:
+        print_table(rows, ("tag", "source", "address", "value", "unit", "status", "source_timestamp", "age_s"))
+    unreachable = {str(row["source"]): str(row["error"]) for row in rows if row["error"]}
+    for source, error in unreachable.items():
+        messages.print(f"{source}: {error}", style="red", markup=False)
+    if unreachable:
+        return LinkError.exit_code
+    bad = [str(row["tag"]) for row in rows if row["quality"] == "Bad"]
+    if bad:
+        messages.print(f"Bad: {', '.join(bad)}", style="red", markup=False)
+        return SoftplcError.exit_code
+    return 0
+
+
+def browse(url: str, contains: str, *, yaml: bool, user: str | None, as_json: bool) -> int:
+    """List the variables of a server; see `softplc browse --help`."""
+    from softplc.drivers.opcua.browse import browse as browse_server  # noqa: PLC0415
+    from softplc.drivers.opcua.browse import paste_block  # noqa: PLC0415
+
+    password = os.environ.get("SOFTPLC_PASSWORD") if user else None
+    variables = asyncio.run(browse_server(url, contains=contains, user=user, password=password))
+    if as_json:
+        print_json([variable.as_dict() for variable in variables])
+        return 0
+    if not yaml:
+        rows = [variable.as_dict() for variable in variables]
+        print_table(rows, ("path", "node_id", "data_type", "value"))
+        sys.stdout.write("\n")
+    sys.stdout.write(paste_block(url, variables))
+    return 0
+
+
+def replay(path: Path, output: Path | None) -> int:
+    """Replay recordings; see `softplc replay --help`."""
+    from softplc.app.logs import configure_logs  # noqa: PLC0415
+    from softplc.app.replay import replay as run_replay  # noqa: PLC0415
+    from softplc.config.load import load  # noqa: PLC0415
+
+    config = load(path)
+    configure_logs(config.log, "replay")
+    if output is None:
+        scans = run_replay(config, sys.stdout)
+    else:
+        with output.open("w", encoding="utf-8", newline="") as file:
+            scans = run_replay(config, file)
+    messages.print(f"{scans} scans replayed")
+    return 0
+
+
+def health(path: Path | None, timeout: float) -> int:
+    """Ask a running softplc for its heartbeat; see `softplc health --help`."""
+    from softplc.app.checking import configured_path  # noqa: PLC0415
+    from softplc.app.health import check_health  # noqa: PLC0415
+    from softplc.config.load import load  # noqa: PLC0415
+
+    path = configured_path(path)
+    problem = check_health(load(path) if path is not None else None, timeout)
+    messages.print(problem or "scanning", style="red" if problem else "green", markup=False)
+    return 1 if problem else 0
+
+
+def modbus_map(path: Path, style: str) -> int:
+    """Print the register map; see `softplc export modbus-map --help`."""
+    from softplc.app.layout import build_layout  # noqa: PLC0415
+    from softplc.config.load import load  # noqa: PLC0415
+    from softplc.publishers.modbus.config import ModbusPublisher  # noqa: PLC0415
+    from softplc.publishers.modbus.map import build_map, render  # noqa: PLC0415
+
+    config = load(path)
+    servers = [publisher for publisher in config.publishers if isinstance(publisher, ModbusPublisher)]
+    if not servers:
+        raise SoftplcError(f"{path}: no publisher of type modbus; add one to have a register map")
+    sys.stdout.write(render(build_map(build_layout(config).table, servers[0]), style))
+    return 0

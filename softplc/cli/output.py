@@ -1,0 +1,28 @@
+"""Where output goes: data to stdout, messages to stderr, JSON on request."""
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+messages = Console(stderr=True, soft_wrap=True, highlight=False)
+
+
+def print_json(data: Any) -> None:
+    """One JSON document on stdout; NaN becomes null."""
+    json.dump(data, sys.stdout, indent=2, ensure_ascii=False, default=str)
+    sys.stdout.write("\n")
+
+
+def print_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> None:
+    """Rows as a table on stdout; on a pipe the table is as wide as it needs to be, so that nothing is cut."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in columns:
+        table.add_column(column, no_wrap=True, overflow="fold")
+    for row in rows:
+        table.add_row(*("" if row.get(column) is None else str(row[column]) for column in columns))
+    console = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
+    console.print(table) if sys.stdout.isatty() else console.print(table, width=400, crop=False)

@@ -1,0 +1,284 @@
+"""A link hosts one driver for one task: time limits, back-off, a new driver for each attempt.
+
+It never raises into the scan. A source that cannot be reached is BadNoCommunication on its tags; a reply that is
+not there in time leaves the earlier samples as UncertainLastUsableValue, and the request stays outstanding, so
+that there are never two.
+"""
+
+import asyncio
+import contextlib
+import random
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import structlog
+from numpy.typing import NDArray
+
+from softplc.clock import Clock
+from softplc.errors import LinkError
+from softplc.interfaces import Driver
+from softplc.sample import StatusCode, is_bad
+from softplc.tags import Image
+
+_BACK_OFF_FIRST = 0.05  # seconds
+_BACK_OFF_MOST = 1.0
+_CLOSE_LIMIT = 1.0
+_LOGGED_PER_MINUTE = 6  # changes of a flapping link that are logged; the others are counted
+
+log = structlog.get_logger(__name__)
+
+
+@dataclass(slots=True)
+class LinkStatistics:
+    """What a link counts since start; `read_time` is the last successful read's duration in seconds."""
+
+    connected: bool = False
+    reads: int = 0
+    read_errors: int = 0
+    reconnects: int = 0
+    writes: int = 0
+    write_errors: int = 0
+    read_time: float = 0.0
+    last_read: float = field(default=float("nan"))
+
+
+class Link:
+    """One source of one task. `samples` holds what the driver delivered last, one entry for each reading."""
+
+    def __init__(
+        self,
+        name: str,
+        make_driver: Callable[[], Driver],
+        readings: Sequence[str],
+        writings: Sequence[str],
+        clock: Clock,
+        timeout: float,
+        connect_timeout: float,
+    ) -> None:
+        self.name = name
+        self.statistics = LinkStatistics()
+        self.samples = Image(len(readings))
+        self._make_driver = make_driver
+        self._readings, self._writings = readings, writings
+        self._clock = clock
+        self._timeout, self._connect_timeout = timeout, connect_timeout
+        self._incoming = Image(len(readings))
+        self._driver: Driver | None = None
+        self._lost = asyncio.Event()
+        self._turn = asyncio.Lock()  # one outstanding request for each connection
+        self._read: asyncio.Task[None] | None = None
+        self._write: asyncio.Task[None] | None = None
+        self._pending: dict[int, float] = {}
+        self._closing: set[asyncio.Task[None]] = set()
+        self._told = _Told(name, clock)
+        self._write_status: dict[int, int] = {}
+
+    async def run(self) -> None:
+        """Connect, stay until the link is lost, back off, connect again; until cancelled."""
+        back_off = _BACK_OFF_FIRST
+        try:
+            while True:
+                if await self._open():
+                    back_off = _BACK_OFF_FIRST
+                    await self._lost.wait()
+                    self._drop()
+                pause = back_off * random.uniform(0.5, 1.0)
+                await self._clock.sleep_until(self._clock.monotonic() + pause)
+                back_off = min(2 * back_off, _BACK_OFF_MOST)
+        finally:
+            self._drop()
+            if self._closing:
+                await asyncio.wait(self._closing, timeout=_CLOSE_LIMIT)
+
+    def ask(self) -> "asyncio.Task[None] | None":
+        """Start this scan's read unless one is outstanding; returns what to wait for, None when there is no link."""
+        if self._driver is None:
+            return None
+        if self._read is None or self._read.done():
+            self._read = asyncio.create_task(self._do_read(self._driver), name=f"read {self.name}")
+        return self._read
+
+    def latch(self, inputs: Image, start: int) -> None:
+        """Copy the newest samples to `inputs` from index `start`, with the status that they deserve in this scan."""
+        stop = start + len(self.samples)
+        if self._driver is None:
+            self.samples.fail(StatusCode.BAD_NO_COMMUNICATION)
+        inputs.values[start:stop] = self.samples.values
+        inputs.source_timestamps[start:stop] = self.samples.source_timestamps
+        inputs.arrivals[start:stop] = self.samples.arrivals
+        statuses = self.samples.statuses
+        if self._read is not None and not self._read.done():
+            late = statuses < np.uint32(StatusCode.BAD)
+            statuses = np.where(late, np.uint32(StatusCode.UNCERTAIN_LAST_USABLE_VALUE), statuses)
+        inputs.statuses[start:stop] = statuses
+
+    def put(self, position: int, value: float) -> None:
+        """Have a value written; one that is still waiting is replaced by it."""
+        self._pending[position] = value
+
+    def flush(self) -> None:
+        """Start writing what was put, unless a write is under way; without a link it is dropped and counted."""
+        if not self._pending:
+            return
+        if self._driver is None:
+            self.statistics.write_errors += len(self._pending)
+            self._pending.clear()
+        elif self._write is None or self._write.done():
+            self._write = asyncio.create_task(self._do_write(self._driver), name=f"write {self.name}")
+
+    async def _open(self) -> bool:
+        driver = None
+        try:
+            driver = self._make_driver()
+            async with asyncio.timeout(self._connect_timeout):
+                await driver.open()
+        except (LinkError, TimeoutError) as error:
+            self._told.lost(str(error) or f"no connection within {self._connect_timeout:g} s")
+        except Exception as error:  # a driver's defect is this link's fault alone
+            log.exception("driver failed to open", source=self.name)
+            self._told.lost(repr(error))
+        else:
+            self._lost.clear()
+            self._driver = driver
+            self.statistics.connected = True
+            self._told.up()
+            return True
+        if driver is not None:
+            self._close(driver)
+        return False
+
+    def _drop(self) -> None:
+        """Let the driver go; the samples are Bad from here."""
+        if self._driver is None:
+            return
+        driver, self._driver = self._driver, None
+        self.statistics.connected = False
+        self.statistics.reconnects += 1
+        for task in (self._read, self._write):
+            if task is not None and not task.done():
+                task.cancel()
+        self._read = self._write = None
+        self._pending.clear()
+        self._turn = asyncio.Lock()
+        self.samples.fail(StatusCode.BAD_NO_COMMUNICATION)
+        self._close(driver)
+
+    def _close(self, driver: Driver) -> None:
+        """Close in the background: a dead connection may take its time, and nobody waits for it."""
+
+        async def close() -> None:
+            with contextlib.suppress(Exception):
+                async with asyncio.timeout(_CLOSE_LIMIT):
+                    await driver.close()
+
+        task = asyncio.create_task(close(), name=f"close {self.name}")
+        self._closing.add(task)
+        task.add_done_callback(self._closing.discard)
+
+    def _fail(self, driver: Driver, reason: str) -> None:
+        if driver is self._driver:
+            self._told.lost(reason)
+            self._lost.set()
+
+    async def _do_read(self, driver: Driver) -> None:
+        begun = self._clock.monotonic()
+        try:
+            async with asyncio.timeout(self._timeout), self._turn:
+                await driver.read(self._incoming)
+        except (LinkError, TimeoutError) as error:
+            self.statistics.read_errors += 1
+            self._fail(driver, str(error) or f"no reply within {self._timeout:g} s")
+            return
+        except Exception as error:  # a driver's defect is this link's fault alone
+            log.exception("driver failed to read", source=self.name)
+            self.statistics.read_errors += 1
+            self._fail(driver, repr(error))
+            return
+        if driver is not self._driver:
+            return
+        self._told.tags(self._readings, self.samples.statuses, self._incoming.statuses)
+        self.samples, self._incoming = self._incoming, self.samples
+        self._incoming.values[:] = self.samples.values
+        self._incoming.statuses[:] = self.samples.statuses
+        self._incoming.source_timestamps[:] = self.samples.source_timestamps
+        self._incoming.arrivals[:] = self.samples.arrivals
+        now = self._clock.monotonic()
+        self.statistics.reads += 1
+        self.statistics.read_time = now - begun
+        self.statistics.last_read = now
+
+    async def _do_write(self, driver: Driver) -> None:
+        values: dict[int, float] = {}
+        try:
+            async with asyncio.timeout(self._timeout), self._turn:
+                values, self._pending = self._pending, {}  # the newest, now that it is our turn
+                statuses = await driver.write(values)
+        except (LinkError, TimeoutError) as error:
+            self.statistics.write_errors += max(len(values), 1)
+            self._fail(driver, str(error) or f"write not confirmed within {self._timeout:g} s")
+            return
+        except Exception as error:  # a driver's defect is this link's fault alone
+            log.exception("driver failed to write", source=self.name)
+            self.statistics.write_errors += max(len(values), 1)
+            self._fail(driver, repr(error))
+            return
+        for position, status in statuses.items():
+            failed = is_bad(status)
+            self.statistics.writes += not failed
+            self.statistics.write_errors += failed
+            if status != self._write_status.get(position, StatusCode.GOOD):
+                event = "write refused" if failed else "write accepted again"
+                log.warning(event, source=self.name, tag=self._writings[position], status=_hex(status))
+            self._write_status[position] = status
+
+
+class _Told:
+    """What the log was told of a link: changes only, and of a flapping link only some, with a count."""
+
+    def __init__(self, source: str, clock: Clock) -> None:
+        self._source, self._clock = source, clock
+        self._state: str | None = None
+        self._window = -60.0
+        self._logged = 0
+        self._suppressed = 0
+
+    def up(self) -> None:
+        self._state = None
+        self._tell("link up", "info")
+
+    def lost(self, reason: str) -> None:
+        if reason != self._state:
+            event = "link down" if self._state is None else "link still down"
+            self._state = reason
+            self._tell(event, "warning", reason=reason)
+
+    def tags(self, names: Sequence[str], before: NDArray[np.uint32], after: NDArray[np.uint32]) -> None:
+        was, now = before >= StatusCode.BAD, after >= StatusCode.BAD
+        for position in np.flatnonzero(was != now):
+            if now[position]:
+                self._tell("tag bad", "warning", tag=names[int(position)], status=_hex(int(after[position])))
+            elif before[position] not in _EXPECTED_BEFORE_DATA:
+                self._tell("tag good again", "info", tag=names[int(position)])
+
+    def _tell(self, event: str, level: str, **fields: str) -> None:
+        now = self._clock.monotonic()
+        if now - self._window >= 60.0:
+            self._window, self._logged = now, 0
+        if self._logged >= _LOGGED_PER_MINUTE:
+            self._suppressed += 1
+            return
+        self._logged += 1
+        more: dict[str, int] = {"suppressed": self._suppressed} if self._suppressed else {}
+        self._suppressed = 0
+        getattr(log, level)(event, source=self._source, **fields, **more)
+
+
+_EXPECTED_BEFORE_DATA = (StatusCode.BAD_WAITING_FOR_INITIAL_DATA, StatusCode.BAD_NO_COMMUNICATION)
+
+
+def _hex(status: int) -> str:
+    try:
+        return StatusCode(status).name
+    except ValueError:
+        return f"0x{status:08X}"

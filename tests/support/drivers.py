@@ -1,0 +1,73 @@
+"""A driver whose device is a Python object: for tests of the link and of the scan, on a virtual clock."""
+
+import asyncio
+from collections.abc import Mapping
+
+from softplc.clock import Clock
+from softplc.errors import LinkError
+from softplc.tags import Image
+
+
+class Device:
+    """What the driver talks to. `reachable` False refuses connections; `silent` never answers; values by position."""
+
+    def __init__(self, clock: Clock, readings: int = 1) -> None:
+        self.clock = clock
+        self.values = [0.0] * readings
+        self.statuses = [0] * readings
+        self.reachable = True
+        self.silent = False
+        self.broken = False
+        self.written: list[dict[int, float]] = []
+        self.write_status = 0
+        self.attempts = 0
+        self.opened = 0
+        self.closed = 0
+        self.outstanding = 0
+        self.most_outstanding = 0
+
+    def driver(self) -> "DeviceDriver":
+        return DeviceDriver(self)
+
+
+class DeviceDriver:
+    """One connection to a Device."""
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+
+    async def open(self) -> None:
+        self._device.attempts += 1
+        if not self._device.reachable:
+            raise LinkError("connection refused")
+        self._device.opened += 1
+
+    async def read(self, into: Image) -> None:
+        device = self._device
+        await self._answer()
+        into.values[:] = device.values
+        into.statuses[:] = device.statuses
+        into.source_timestamps[:] = device.clock.utc_ns()
+        into.arrivals[:] = device.clock.monotonic()
+
+    async def write(self, values: Mapping[int, float]) -> dict[int, int]:
+        await self._answer()
+        self._device.written.append(dict(values))
+        return dict.fromkeys(values, self._device.write_status)
+
+    async def close(self) -> None:
+        self._device.closed += 1
+
+    async def _answer(self) -> None:
+        device = self._device
+        device.outstanding += 1
+        device.most_outstanding = max(device.most_outstanding, device.outstanding)
+        try:
+            if not device.reachable:
+                raise LinkError("connection reset")
+            if device.broken:
+                raise ZeroDivisionError("a defect of the driver")
+            while device.silent:
+                await asyncio.sleep(0.001)
+        finally:
+            device.outstanding -= 1

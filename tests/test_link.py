@@ -1,0 +1,125 @@
+import asyncio
+
+import numpy as np
+import structlog
+
+from softplc.clock import SystemClock
+from softplc.sample import StatusCode
+from tests.support.network import eventually
+from tests.support.tasks import Rig
+
+
+async def test_a_source_that_refuses_is_bad_no_communication_and_nothing_raises():
+    rig = Rig()
+    rig.device.reachable = False
+    await rig.run(5)
+    assert rig.status("Echo.0") == StatusCode.BAD_NO_COMMUNICATION
+    assert np.isnan(rig.value("Echo.0"))
+    assert rig.value("Sources.plc.Connected") == 0
+
+
+async def test_a_source_that_comes_back_is_read_again_with_a_new_driver():
+    rig = Rig(period=0.1)
+    rig.device.values = [7.0]
+
+    def outage(scan):
+        rig.device.reachable = not 10 <= scan.number < 40
+
+    seen = {}
+    await rig.run(80, lambda scan: (outage(scan), seen.update({scan.number: rig.status("Echo.0")})))
+
+    assert seen[9] == StatusCode.GOOD
+    assert seen[12] == StatusCode.BAD_NO_COMMUNICATION
+    assert seen[39] == StatusCode.BAD_NO_COMMUNICATION
+    # back at scan 40; the back-off is 1 s at the most, which is 10 scans, and one scan reads
+    assert seen[52] == StatusCode.GOOD
+    assert rig.device.opened == 2
+    assert rig.device.closed >= 1
+    assert rig.value("Sources.plc.Reconnects") == 1
+
+
+async def test_a_silent_source_has_one_request_outstanding_and_old_values_are_never_good():
+    rig = Rig(SystemClock(), period=0.02, timeout=30.0)
+    rig.device.values = [3.0]
+    await rig.run(3)
+    rig.device.silent = True
+    await rig.run(10)
+    assert rig.device.most_outstanding == 1
+    assert rig.status("Echo.0") != StatusCode.GOOD
+
+
+async def test_a_late_reply_leaves_the_earlier_sample_as_last_usable_value():
+    rig = Rig(SystemClock(), period=0.05, timeout=30.0)
+    rig.device.values = [3.0]
+    statuses = []
+
+    def silence_after_three(scan):
+        rig.device.silent = scan.number >= 3
+        statuses.append((rig.status("Echo.0"), rig.value("Echo.0")))
+
+    await rig.run(8, silence_after_three)
+
+    assert statuses[-1] == (StatusCode.UNCERTAIN_LAST_USABLE_VALUE, 3.0)
+
+
+async def test_a_read_beyond_the_timeout_means_that_the_link_is_lost():
+    rig = Rig(SystemClock(), period=0.02, timeout=0.05)
+    rig.device.silent = True
+    statuses = []
+    await rig.run(40, lambda _: statuses.append(rig.status("Echo.0")))
+    assert StatusCode.BAD_NO_COMMUNICATION in statuses
+    assert rig.value("Sources.plc.ReadErrors") >= 1
+
+
+async def test_a_defect_of_the_driver_is_that_links_fault_alone():
+    rig = Rig()
+    rig.device.broken = True
+    await rig.run(5)
+    assert rig.status("Echo.0") == StatusCode.BAD_NO_COMMUNICATION
+    assert len(rig.scans) == 5
+
+
+async def test_a_thousand_losses_leave_no_tasks_behind():
+    rig = Rig(period=0.01)
+    before = len(asyncio.all_tasks())
+
+    def flap(scan):
+        rig.device.reachable = scan.number % 2 == 0
+
+    await rig.run(3000, flap)
+    await eventually(lambda: len(asyncio.all_tasks()) <= before)
+    assert rig.device.opened > 50
+    assert rig.device.closed == rig.device.attempts
+
+
+async def test_of_values_put_while_a_write_is_under_way_only_the_newest_is_written():
+    rig = Rig()
+    await rig.run(1)
+
+    async def session():
+        rig.device.silent = True
+        running = asyncio.create_task(rig.link.run())
+        await eventually(lambda: rig.link.statistics.connected)
+        for value in (1.0, 2.0, 3.0):
+            rig.link.put(0, value)
+            rig.link.flush()
+            await asyncio.sleep(0)
+        for value in (4.0, 5.0):
+            rig.link.put(0, value)
+            rig.link.flush()
+        rig.device.silent = False
+        await eventually(lambda: bool(rig.device.written))
+        rig.link.flush()
+        await eventually(lambda: rig.device.written[-1] == {0: 5.0})
+        running.cancel()
+
+    await session()
+    assert len(rig.device.written) <= 2
+
+
+async def test_a_flapping_link_is_logged_a_few_times_a_minute_with_a_count_of_the_rest():
+    rig = Rig(period=0.1)
+    with structlog.testing.capture_logs() as lines:
+        await rig.run(1300, lambda scan: setattr(rig.device, "reachable", scan.number % 2 == 0))
+    assert 6 < len(lines) <= 18  # 130 s: three minutes have begun
+    assert sum(line.get("suppressed", 0) for line in lines) > 10
