@@ -54,16 +54,22 @@ def test_every_notation_names_table_and_offset_and_is_shown_in_both(written, tab
         ("holding:-1", "'holding:-1': offset -1 is outside 0…65535"),
         ("holdng:7", "'holdng:7': there is no table 'holdng', did you mean holding:7?"),
         ("q:7", "'q:7': there is no table 'q', expected one of coil, discrete, input, holding"),
-        (12, "12 names no table, expected five or six digits such as 40001 or 400001, or holding:12 if it counts from 0"),
+        (
+            12,
+            "expected five or six digits such as 40001 or 400001, or holding:12 if it counts from 0",
+        ),
         (-5, "-5 names no table"),
         (4000001, "4000001 names no table, expected five or six digits"),
-        ("DB1.DBD0", "'DB1.DBD0' is not a Modbus address, expected holding:0, input:12, coil:3, discrete:7, or a number"),
+        (
+            "DB1.DBD0",
+            "'DB1.DBD0' is not a Modbus address, expected holding:0, input:12, coil:3, discrete:7, or a number",
+        ),
         ("", "'' is not a Modbus address"),
         ("I7", "'I7' is not a Modbus address"),
     ],
 )
 def test_what_is_no_address_is_refused_with_what_would_be_right(written, message):
-    with pytest.raises(ValueError, match="expected|outside|did you mean") as error:
+    with pytest.raises(ValueError, match=r"expected|outside|did you mean") as error:
         parse_address(written)
 
     assert message in str(error.value)

@@ -99,7 +99,10 @@ def test_every_value_is_covered_whole_and_once_within_limit_and_gap(spans, limit
     assert requests == plan(reversed(spans), limits)
 
 
-@given(st.lists(st.builds(Span, st.just(Table.INPUT), st.integers(0, 14), st.sampled_from([1, 2, 4])), max_size=7), LIMITS)
+@given(
+    st.lists(st.builds(Span, st.just(Table.INPUT), st.integers(0, 14), st.sampled_from([1, 2, 4])), max_size=7),
+    LIMITS,
+)
 def test_no_cover_has_fewer_requests(spans, limits):
     assert len(plan(spans, limits)) == fewest(tuple(sorted(set(spans))), limits)
 

@@ -66,7 +66,9 @@ def byte_positions(order: ByteOrder, registers: int) -> tuple[int, ...]:
     return tuple(range(width - 1, -1, -1))
 
 
-def encode(value: float, data_type: ModbusType, order: ByteOrder, scale: float = 1.0, offset: float = 0.0) -> bytes | None:
+def encode(
+    value: float, data_type: ModbusType, order: ByteOrder, scale: float = 1.0, offset: float = 0.0
+) -> bytes | None:
     """The registers of an engineering value as they travel on the wire; None when the type cannot hold it.
 
     Integers are rounded to the nearest, halves to even; a bool is on for anything but 0. NaN and ±Inf are never
@@ -124,12 +126,14 @@ class Decoder:
         ]
 
     def decode(self, wire: NDArray[np.uint8]) -> NDArray[np.float64]:
-        """Engineering values, float64[fields], of the bytes `wire`; the array is the decoder's own until the next call.
+        """Engineering values, float64[fields], of the bytes `wire`. The array is overwritten by the next call.
 
         NaN and Inf that the device sends come out as they are.
         """
         raw = self._raw
-        with np.errstate(all="ignore"):  # a signalling NaN, or a scale that overflows, is the device's data, not a fault
+        with np.errstate(
+            all="ignore"
+        ):  # a signalling NaN, or a scale that overflows, is the device's data, not a fault
             for group in self._words:
                 raw[group.targets] = group.raw(wire)
             if len(self._bit_targets):
@@ -158,7 +162,8 @@ class _Words:
 def _words(data_type: ModbusType, fields: Sequence[Field]) -> _Words:
     targets = [i for i, field in enumerate(fields) if field.data_type == data_type and field.bit is None]
     positions = [
-        [fields[i].byte + position for position in byte_positions(fields[i].order, REGISTERS[data_type])] for i in targets
+        [fields[i].byte + position for position in byte_positions(fields[i].order, REGISTERS[data_type])]
+        for i in targets
     ]
     return _Words(
         np.array(targets, np.intp), np.array(positions, np.intp), np.dtype(_FORMAT[data_type]), data_type == "bool"

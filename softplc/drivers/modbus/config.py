@@ -3,14 +3,13 @@
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from softplc.clock import Clock
+from softplc.drivers.modbus.address import LAST_OFFSET, Address, parse_address
+from softplc.drivers.modbus.codec import REGISTERS, ByteOrder, ModbusType
 from softplc.interfaces import Driver
 from softplc.model import Model, Name
-
-ByteOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]
-ModbusType = Literal["bool", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
 
 
 class TcpTransport(Model):
@@ -58,11 +57,17 @@ class ModbusSource(Model):
     max_bits: Annotated[int, Field(ge=1, le=2000)] = 2000
     """Most coils or discrete inputs that the device gives in one request."""
     max_gap: Annotated[int, Field(ge=0, le=124)] = 8
-    """Unused registers that may lie between two tags of one request; 0 reads exactly what is declared."""
+    """Unused registers (or bits) that may lie between two tags of one request; 0 reads exactly what is declared."""
     timeout_ms: Annotated[float, Field(ge=10, le=60_000)] = 500.0
     """A request that takes longer means that the link is lost, ms."""
     connect_timeout_ms: Annotated[float, Field(ge=100, le=60_000)] = 4000.0
     """An attempt to connect that takes longer is given up, ms."""
+
+    @model_validator(mode="after")
+    def _serial_units(self) -> "ModbusSource":
+        if self.unit_id == 0 and not isinstance(self.transport, TcpTransport):
+            raise ValueError("unit_id 0 is the broadcast of a serial line, which nobody answers; expected 1 to 247")
+        return self
 
     def build(
         self, readings: Sequence["ModbusTag"], writings: Sequence["ModbusTag"], clock: Clock, period: float
@@ -86,5 +91,43 @@ class ModbusTag(Model):
     """Engineering value = raw · scale + offset."""
     offset: float = 0.0
 
+    @field_validator("address")
+    @classmethod
+    def _is_an_address(cls, value: int | str) -> int | str:
+        parse_address(value)
+        return value
+
+    @field_validator("data_type")
+    @classmethod
+    def _fits_the_address(cls, value: ModbusType, info: ValidationInfo) -> ModbusType:
+        if "address" not in info.data:  # it has an error of its own
+            return value
+        address = parse_address(info.data["address"])
+        if address.table.bits and value != "bool":
+            raise ValueError(f"{address} is a single bit, {value} is not; expected bool")
+        if not address.table.bits and address.offset + REGISTERS[value] > LAST_OFFSET + 1:
+            raise ValueError(f"{value} takes {REGISTERS[value]} registers, {address} leaves fewer to the table's end")
+        return value
+
+    @field_validator("byte_order")
+    @classmethod
+    def _has_an_order(cls, value: ByteOrder | None, info: ValidationInfo) -> ByteOrder | None:
+        data_type = info.data.get("data_type")
+        if value is not None and data_type is not None and REGISTERS[data_type] == 1:
+            raise ValueError(f"{data_type} takes one register and knows no byte order; expected no byte_order here")
+        return value
+
+    @field_validator("scale")
+    @classmethod
+    def _scales(cls, value: float) -> float:
+        if value == 0.0:
+            raise ValueError("a scale of 0 makes every value the same; expected any other number")
+        return value
+
+    @property
+    def location(self) -> Address:
+        """Table and offset that the address means."""
+        return parse_address(self.address)
+
     def __str__(self) -> str:
-        return f"{self.address} {self.data_type}"
+        return f"{self.location} {self.data_type}"

@@ -86,7 +86,9 @@ def read_reply(request: bytes, reply: bytes) -> bytes | Refused:
     size = (count + 7) // 8 if function <= 2 else 2 * count
     if len(reply) < 2 or reply[1] != size or len(reply) != 2 + size:
         announced = f"{reply[1]} announced" if len(reply) > 1 else "none announced"
-        raise ProtocolError(f"reply carries {max(len(reply) - 2, 0)} bytes of data ({announced}), {size} were asked for")
+        raise ProtocolError(
+            f"reply carries {max(len(reply) - 2, 0)} bytes of data ({announced}), {size} were asked for"
+        )
     return reply[2:]
 
 
@@ -109,6 +111,8 @@ def write_reply(request: bytes, reply: bytes) -> int:
 
 def _refusal(request: bytes, reply: bytes) -> Refused | None:
     function = request[0]
+    if not reply:
+        raise ProtocolError("reply is empty")
     if reply[0] == function:
         return None
     if reply[0] != function | _EXCEPTION_BIT:
