@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
+from pymodbus import FramerType
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
@@ -116,9 +117,9 @@ async def running_peer() -> AsyncIterator[Peer]:
 
 
 @asynccontextmanager
-async def pymodbus_server(device: SimDevice) -> AsyncIterator[int]:
+async def pymodbus_server(device: SimDevice, framer: FramerType = FramerType.SOCKET) -> AsyncIterator[int]:
     """pymodbus' own TCP server; yields its port."""
-    server = ModbusTcpServer(device, address=("127.0.0.1", 0))
+    server = ModbusTcpServer(device, framer=framer, address=("127.0.0.1", 0))
     await server.serve_forever(background=True)
     try:
         yield server.transport.sockets[0].getsockname()[1]

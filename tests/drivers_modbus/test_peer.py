@@ -1,4 +1,4 @@
-"""The driver against a third-party server on a real socket (modbus-serial on Node, values encoded by Node's Buffer)."""
+"""The driver against a third-party server: modbus-serial on Node, values encoded by Node's Buffer."""
 
 import math
 

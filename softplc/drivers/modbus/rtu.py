@@ -6,6 +6,7 @@ good, retries by itself, and does not wake the one who waits when the connection
 """
 
 import asyncio
+import termios
 from typing import Final
 
 from pymodbus.framer.rtu import FramerRTU
@@ -67,6 +68,9 @@ def open_serial(port: RtuTransport, protocol: asyncio.Protocol) -> asyncio.Trans
         )
     except RuntimeError as error:
         raise LinkError("serial lines need pyserial, which is not installed: pip install softplc[serial]") from error
+    except termios.error as error:
+        settings = f"{port.baudrate} Bd, parity {port.parity}, {port.stop_bits} stop bits"
+        raise LinkError(f"{port.device} does not take {settings}: {error.args[-1]}") from error
     except (OSError, ValueError) as error:
         raise LinkError(f"cannot open {port.device}: {error}") from error
     transport.setup()

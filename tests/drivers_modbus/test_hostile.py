@@ -1,0 +1,295 @@
+"""A server that lies, stalls or goes: never a wrong number, always a LinkError or a status, always in time."""
+
+import asyncio
+import os
+import signal
+import socket
+import struct
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+
+import numpy as np
+import pytest
+
+from softplc.clock import SystemClock
+from softplc.drivers.modbus.driver import ModbusDriver
+from softplc.errors import LinkError
+from softplc.sample import StatusCode
+from softplc.tags import Image
+from tests.drivers_modbus.support import GENEROUS, opened, read, running_peer, source, tag
+from tests.support.network import eventually, free_port
+
+Reply = Callable[[bytes, asyncio.StreamWriter], Awaitable[None]]
+TAGS = [tag("holding:0", "uint16"), tag("holding:1", "uint16"), tag("coil:0", "bool")]
+SHORT = 1000.0  # ms until silence is a lost link; what is honest must be quicker on a loaded machine
+
+
+def honest(request: bytes) -> bytes:
+    """The right reply to a read: every register 0x0102, every bit on; to a write its echo."""
+    function, _, count = struct.unpack(">BHH", request[7:12])
+    size = {1: (count + 7) // 8, 3: 2 * count}.get(function)
+    if size is None:
+        return request[:4] + b"\x00\x06" + request[6:12]
+    data = b"\xff" * size if function == 1 else b"\x01\x02" * count
+    return request[:4] + struct.pack(">HBBB", 3 + size, request[6], function, size) + data
+
+
+@asynccontextmanager
+async def server(reply: Reply) -> AsyncIterator[int]:
+    """Answers the first requests honestly (those of open), then everything with `reply`; yields the port."""
+    writers = []
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writers.append(writer)
+        served = 0
+        while request := await reader.read(300):
+            if served < 2:
+                writer.write(honest(request))
+            else:
+                await reply(request, writer)
+            served += 1
+        writer.close()
+
+    listener = await asyncio.start_server(serve, "127.0.0.1", 0)
+    async with listener:
+        yield listener.sockets[0].getsockname()[1]
+        for writer in writers:
+            writer.close()
+
+
+def answering(make: Callable[[bytes], bytes]) -> Reply:
+    async def reply(request: bytes, writer: asyncio.StreamWriter) -> None:
+        writer.write(make(request))
+
+    return reply
+
+
+def patched(position: int, value: int) -> Callable[[bytes], bytes]:
+    """The honest reply with one byte changed: 0 and 1 transaction, 2 and 3 protocol, 4 and 5 length, 6 unit."""
+
+    def make(request: bytes) -> bytes:
+        frame = bytearray(honest(request))
+        frame[position] = value
+        return bytes(frame)
+
+    return make
+
+
+def with_pdu(pdu: bytes) -> Callable[[bytes], bytes]:
+    """A frame that is right but for its PDU."""
+    return lambda request: request[:4] + struct.pack(">H", len(pdu) + 1) + request[6:7] + pdu
+
+
+WRONG = {
+    "transaction id": (patched(1, 77), "reply to transaction 77, the outstanding one is 3"),
+    "transaction id 0": (patched(1, 0), "reply to transaction 0"),
+    "protocol id": (patched(3, 1), "protocol id 1"),
+    "length 0": (patched(5, 0), "announces 0 bytes"),
+    "length 2": (patched(5, 2), "announces 2 bytes"),
+    "length 65284": (patched(4, 255), "announces 65284 bytes"),
+    "unit id": (patched(6, 9), "from unit 9, unit 1 was asked"),
+    "function code 4": (with_pdu(b"\x04\x04\x01\x02\x01\x02"), "function code 4, function 1 was asked for"),
+    "function code 0": (with_pdu(b"\x00\x01"), "function code 0"),
+    "exception of another function": (with_pdu(b"\x84\x02"), "function code 132"),
+    "exception without a code": (with_pdu(b"\x81\x02\x00"), "exception response has 3 bytes"),
+    "too few bytes": (with_pdu(b"\x01\x00"), "carries 0 bytes of data"),
+    "too many bytes": (with_pdu(b"\x01\x02\xff\xff"), "carries 2 bytes of data"),
+    "byte count beyond the frame": (with_pdu(b"\x01\x05\xff"), "carries 1 bytes of data"),
+    "byte count 0 before data": (with_pdu(b"\x01\x00\xff"), "carries 1 bytes of data"),
+    "two replies": (lambda request: 2 * honest(request), "10 bytes follow the reply"),
+    "garbage": (lambda _: b"HTTP/1.1 400 Bad Request\r\n\r\n", "protocol id"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+async def test_a_reply_that_does_not_fit_its_request_ends_the_link(wrong):
+    make, message = WRONG[wrong]
+    async with server(answering(make)) as port, opened(source(port), TAGS) as driver:
+        image = Image(len(TAGS))
+        with pytest.raises(LinkError, match=message):
+            await driver.read(image)
+        assert np.isnan(image.values).all()  # nothing of it came through
+
+        with pytest.raises(LinkError):  # and the connection stays unusable
+            await driver.read(image)
+
+
+REGISTERS = TAGS[:2]
+WRONG_REGISTERS = {
+    "function code 4": with_pdu(b"\x04\x04\x01\x02\x01\x02"),
+    "one register for two": with_pdu(b"\x03\x02\x01\x02"),
+    "three registers for two": with_pdu(b"\x03\x06\x01\x02\x01\x02\x01\x02"),
+    "odd byte count": with_pdu(b"\x03\x03\x01\x02\x01"),
+    "odd byte count in a whole frame": with_pdu(b"\x03\x03\x01\x02\x01\x02"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG_REGISTERS)
+async def test_registers_are_taken_only_when_all_that_were_asked_for_came(wrong):
+    async with server(answering(WRONG_REGISTERS[wrong])) as port, opened(source(port), REGISTERS) as driver:
+        assert (await read(driver, 2)).values.tolist() == [258.0, 258.0]  # the second honest answer
+        with pytest.raises(LinkError, match=r"40001 / holding:0 and the next 1: .*(code 4|were asked for)"):
+            await read(driver, 2)
+
+
+@pytest.mark.parametrize(
+    ("pdu", "status"),
+    [
+        (b"\x86\x04", StatusCode.BAD_DEVICE_FAILURE),
+        (b"\x06\x00\x00\x00\x09", StatusCode.BAD_OUT_OF_RANGE),
+    ],
+)
+async def test_a_write_that_the_device_refuses_or_changes_is_a_status(pdu, status):
+    async with server(answering(with_pdu(pdu))) as port, opened(source(port), TAGS, TAGS[:1]) as driver:
+        assert await driver.write({0: 5.0}) == {0: status}
+
+
+@pytest.mark.parametrize(
+    "pdu", [b"\x06\x00\x01\x00\x05", b"\x06\x00\x00\x00", b"\x05\x00\x00\x00\x05", b"\x10\x00\x00\x00\x01"]
+)
+async def test_a_reply_that_does_not_fit_its_write_ends_the_link(pdu):
+    async with server(answering(with_pdu(pdu))) as port, opened(source(port), TAGS, TAGS[:1]) as driver:
+        with pytest.raises(LinkError, match="40001 / holding:0: reply"):
+            await driver.write({0: 5.0})
+
+
+async def test_half_a_reply_and_then_silence_is_a_lost_link():
+    half = answering(lambda request: honest(request)[:-1])
+    async with server(half) as port, opened(source(port, timeout_ms=SHORT), TAGS) as driver:
+        with pytest.raises(LinkError, match=r"no reply within 1 s"):
+            await read(driver, len(TAGS))
+
+
+async def test_a_reply_byte_by_byte_is_a_reply():
+    async def trickle(request: bytes, writer: asyncio.StreamWriter) -> None:
+        for byte in honest(request):
+            writer.write(bytes([byte]))
+            await writer.drain()
+            await asyncio.sleep(0)
+
+    async with server(trickle) as port, opened(source(port), TAGS) as driver:
+        assert (await read(driver, len(TAGS))).values.tolist() == [258.0, 258.0, 1.0]
+
+
+async def test_bytes_that_nobody_asked_for_end_the_link():
+    async def twice(request: bytes, writer: asyncio.StreamWriter) -> None:
+        writer.write(honest(request))
+        await asyncio.sleep(0.05)
+        writer.write(honest(request))
+
+    async with server(twice) as port, opened(source(port), REGISTERS, REGISTERS) as driver:
+        await read(driver, 2)
+        await driver.write({0: 258.0})
+        deadline = time.monotonic() + 20
+        with pytest.raises(LinkError, match=r"nothing was asked for|reply to transaction|closed|follow the reply"):
+            while time.monotonic() < deadline:
+                assert (await read(driver, 2)).values.tolist() == [258.0, 258.0]
+
+
+@pytest.mark.parametrize("way", ["reset", "closed"])
+async def test_a_connection_that_goes_wakes_the_reader_at_once(way):
+    async def leave(_: bytes, writer: asyncio.StreamWriter) -> None:
+        if way == "reset":
+            raw = writer.get_extra_info("socket")
+            raw.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        writer.transport.abort()
+
+    async with server(leave) as port, opened(source(port), TAGS) as driver:
+        begun = time.monotonic()
+        with pytest.raises(LinkError, match=r"connection lost|connection closed by the device"):
+            await read(driver, len(TAGS))
+        assert time.monotonic() - begun < GENEROUS / 1000 / 2  # well before the request's own timeout
+
+
+async def test_a_stopped_server_is_a_lost_link_within_the_timeout():
+    async with running_peer() as peer, opened(source(peer.port, timeout_ms=SHORT), TAGS) as driver:
+        await read(driver, len(TAGS))
+        os.kill(peer.pid, signal.SIGSTOP)
+        try:
+            with pytest.raises(LinkError, match=r"no reply within 1 s"):
+                async with asyncio.timeout(30):
+                    await read(driver, len(TAGS))
+        finally:
+            os.kill(peer.pid, signal.SIGCONT)
+
+
+async def test_a_server_that_never_answered_fails_the_opening():
+    async def silent(_: asyncio.StreamReader, __: asyncio.StreamWriter) -> None:
+        await asyncio.sleep(0)
+
+    async with await asyncio.start_server(silent, "127.0.0.1", 0) as listener:
+        port = listener.sockets[0].getsockname()[1]
+        with pytest.raises(LinkError, match=r"no reply|connection closed"):
+            async with opened(source(port, timeout_ms=SHORT), TAGS):
+                pass
+
+
+async def test_a_port_where_nobody_listens_is_named():
+    port = free_port()
+    with pytest.raises(LinkError, match=rf"127\.0\.0\.1:{port}: cannot connect"):
+        async with opened(source(port), TAGS):
+            pass
+
+
+async def test_a_host_that_does_not_answer_is_given_up_within_the_connect_timeout():
+    with socket.socket() as full:
+        full.bind(("127.0.0.1", 0))
+        full.listen(0)
+        port = full.getsockname()[1]
+        fillers = [socket.socket() for _ in range(4)]  # the backlog is full: further SYNs are dropped
+        for filler in fillers:
+            filler.setblocking(False)
+            filler.connect_ex(("127.0.0.1", port))
+        try:
+            with pytest.raises(LinkError, match=r"no connection within 0\.3 s"):
+                async with opened(source(port, connect_timeout_ms=300.0), TAGS):
+                    pass
+        finally:
+            for filler in fillers:
+                filler.close()
+
+
+async def test_a_reader_that_gave_up_leaves_no_stale_reply_to_the_next_one():
+    pending: list[bytes] = []
+
+    async def late(request: bytes, writer: asyncio.StreamWriter) -> None:
+        pending.append(request)
+        if len(pending) == 1:  # the answer to the first request comes when the second reader waits already
+            await asyncio.sleep(0.05)
+        writer.write(honest(request))
+
+    async with server(late) as port, opened(source(port), REGISTERS) as driver:
+        await read(driver, 2)
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(0.01):
+                await read(driver, 2)
+        assert (await read(driver, 2)).values.tolist() == [258.0, 258.0]
+
+    assert [struct.unpack(">H", request[:2])[0] for request in pending] == [3, 4]
+
+
+async def test_twenty_connections_leave_no_tasks_and_no_file_descriptors():
+    async with server(answering(honest)) as port:
+        clock = SystemClock()
+
+        async def cycle(i: int) -> None:
+            driver = ModbusDriver(source(port), TAGS, [], clock)
+            await driver.open()
+            if i % 2:
+                await driver.read(Image(len(TAGS)))
+            await driver.close()
+            await driver.close()
+
+        await cycle(0)
+        await eventually(lambda: len(asyncio.all_tasks()) == 1, what="the server's side of the first cycle is gone")
+        before = descriptors()
+        for i in range(20):
+            await cycle(i)
+        await eventually(lambda: descriptors() == before, what="file descriptors are back")
+        await eventually(lambda: len(asyncio.all_tasks()) == 1, what="no task is left")
+        clock.close()
+
+
+def descriptors() -> int:
+    return len(os.listdir("/proc/self/fd"))  # noqa: PTH208  counting, as cheap as can be
