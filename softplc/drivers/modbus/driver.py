@@ -6,6 +6,7 @@ Modbus carries no timestamps: the source timestamp of a sample is the wall time 
 """
 
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 from softplc.clock import Clock
 from softplc.drivers.modbus.client import Client, connect
@@ -25,6 +26,8 @@ from softplc.drivers.modbus.polling import Answer, PollState, Question, Value
 from softplc.errors import ConfigError, LinkError
 from softplc.sample import StatusCode
 from softplc.tags import Image
+
+_SEARCH_SHARE: Final = 0.25  # of timeout_ms: as long may a read go on after the addresses that a device does not know
 
 
 class ModbusDriver:
@@ -57,10 +60,12 @@ class ModbusDriver:
 
     async def read(self, into: Image) -> None:
         """Fill `into`, one entry for each reading, from the device. Raises LinkError."""
-        answers: list[Answer] = []
-        for question in self._poll.due():
-            answers += await self._ask(question)
-        self._poll.take(answers, into)
+        begun = self._clock.monotonic()
+        search = _SEARCH_SHARE * self._config.timeout_ms / 1000.0
+        polled = self._poll.start()
+        for question in polled.due(lambda: self._clock.monotonic() - begun < search):
+            polled.take(await self._ask(question))
+        self._poll.finish(polled, into)
 
     async def write(self, values: Mapping[int, float]) -> dict[int, int]:
         """Write engineering values to the writings by position; returns the raw StatusCode of each. Raises LinkError.
@@ -75,17 +80,14 @@ class ModbusDriver:
         if self._client is not None:
             await self._client.close()
 
-    async def _ask(self, question: Question) -> list[Answer]:
-        """The answer to a question, or to its parts when the device does not know all that it asks for."""
+    async def _ask(self, question: Question) -> Answer:
         client = self._connected()
         pdu = await client.request(question.pdu)
         try:
             reply = read_reply(question.pdu, pdu)
         except ProtocolError as error:
             raise LinkError(f"{client.name}: {question.request}: {error}") from error
-        answer = Answer(question, reply, client.heard, self._clock.utc_ns())
-        parts = self._poll.parts(answer)
-        return [found for part in parts for found in await self._ask(part)] if parts else [answer]
+        return Answer(question, reply, client.heard, self._clock.utc_ns())
 
     async def _write(self, tag: ModbusTag, value: float) -> int:
         address = tag.location

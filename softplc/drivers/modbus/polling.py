@@ -1,12 +1,14 @@
 """What to ask of a device in each read, and how its answers become samples: no I/O, no clock.
 
-A device that does not know one address of a request refuses the request as a whole. Such a request is split until
-what the device does give is in requests of its own; a value that it refuses alone is *parked*: it stays Bad with the
-device's own reason, and of all parked values one is asked again in each read. So a wrong address neither takes the
-right ones with it nor costs a request each time. When a parked value is given after all, everything is planned anew.
+A device that does not know one address of a request refuses the request as a whole. Such a request is split, and its
+parts asked for, until what the device does give is in requests of its own; this search has its share of the time of
+each read and goes on in the next. A value that is refused alone is *parked*: it stays Bad with the device's own
+reason, and of all parked values one is asked again in each read. So a wrong address neither takes the right ones
+with it nor costs a request each time. When a parked value is given after all, everything is planned anew.
 """
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,46 +53,73 @@ class Answer:
 
 
 class PollState:
-    """The questions of one connection and the newest answer to each. Raises ValueError where `plan` does."""
+    """The questions of one connection. Raises ValueError where `plan` does."""
 
     def __init__(self, values: Sequence[Value], limits: Limits) -> None:
         self._values, self._limits = values, limits
         self._live = _questions(plan((value.span for value in values), limits))
+        self._parts: deque[Answer] = deque()
         self._parked: dict[Span, Answer] = {}
         self._turn = 0
         self._layout = _Layout(values, [])
 
-    def due(self) -> list[Question]:
-        """What to ask in this read: everything that the device gives, and one of the values that it refused."""
-        if not self._parked:
-            return self._live
-        self._turn = (self._turn + 1) % len(self._parked)
-        return [*self._live, list(self._parked.values())[self._turn].question]
+    def start(self) -> "Round":
+        """What one read asks; a round that is not finished leaves no trace."""
+        self._turn += 1
+        return Round(self._live, self._parts, self._parked, self._turn, self._limits)
 
-    def parts(self, answer: Answer) -> list[Question]:
-        """What to ask in place of a question whose range the device does not know; none when it is to be taken."""
-        return _questions(split(answer.question.request, self._limits)) if answer.unknown_address else []
-
-    def take(self, answers: Sequence[Answer], into: Image) -> None:
-        """Fill `into`, one entry for each value, from the answers to all that was due or to its parts."""
-        live: list[Answer] = []
-        recovered = False
-        for answer in answers:
-            span = answer.question.request.spans[0]
-            refused_again = span in self._parked and isinstance(answer.reply, Refused)
-            if answer.unknown_address or refused_again:  # a single value: of several, the parts were asked instead
-                self._parked[span] = answer
-            else:
-                live.append(answer)
-                recovered |= self._parked.pop(span, None) is not None
-        self._live = [answer.question for answer in live]
-        known = [*live, *self._parked.values()]
+    def finish(self, done: "Round", into: Image) -> None:
+        """Fill `into`, one entry for each value, from the answers of a round in which all that was due was asked."""
+        known = [*done.given, *done.parts, *done.parked.values()]
         questions = [answer.question for answer in known]
         if questions != self._layout.questions:
             self._layout = _Layout(self._values, questions)
         self._layout.fill(into, known)
-        if recovered:
+        self._live, self._parts, self._parked = [answer.question for answer in done.given], done.parts, done.parked
+        if done.recovered:
             self._live = _questions(plan((span for q in self._live for span in q.request.spans), self._limits))
+
+
+class Round:
+    """One read: what was answered in it, and what is left of the search for what the device does not know.
+
+    `given` are the answers to ask for again, `parts` those still to be asked, with the answer to the whole as yet,
+    `parked` the refused values; `recovered` when one of them was given.
+    """
+
+    def __init__(
+        self, live: list[Question], parts: deque[Answer], parked: dict[Span, Answer], turn: int, limits: Limits
+    ) -> None:
+        self.given: list[Answer] = []
+        self.parts, self.parked = parts.copy(), parked.copy()
+        self.recovered = False
+        self._live, self._turn, self._limits = live, turn, limits
+
+    def due(self, time_left: Callable[[], bool]) -> Iterator[Question]:
+        """One question after the other; each answer is to be taken before the next.
+
+        All that the device gives, parts of what it refused while there is time, at least one, and a parked value.
+        """
+        parked = list(self.parked.values())
+        yield from self._live
+        if self.parts:
+            yield self.parts.popleft().question
+        while self.parts and time_left():
+            yield self.parts.popleft().question
+        if parked:
+            yield parked[self._turn % len(parked)].question
+
+    def take(self, answer: Answer) -> None:
+        """Keep an answer, or put the parts of its question in its place."""
+        request = answer.question.request
+        if answer.unknown_address and len(request.spans) > 1:
+            parts = _questions(split(request, self._limits))
+            self.parts.extend(replace(answer, question=part) for part in parts)
+        elif answer.unknown_address or (request.spans[0] in self.parked and isinstance(answer.reply, Refused)):
+            self.parked[request.spans[0]] = answer
+        else:
+            self.given.append(answer)
+            self.recovered |= self.parked.pop(request.spans[0], None) is not None
 
 
 class _Layout:
