@@ -56,7 +56,7 @@ def test_a_tag_is_shown_in_both_notations():
 
 
 def test_a_value_longer_than_the_devices_limit_is_a_configuration_error():
-    with pytest.raises(ConfigError, match=r"source plc: a value of 4 registers .* at most 2 .* larger max_registers"):
+    with pytest.raises(ConfigError, match="source plc: max_registers is 2, but there is a value of 4 registers"):
         ModbusDriver(source(502, max_registers=2), [tag(40001, "float64")], [], SystemClock())
 
 

@@ -131,31 +131,8 @@ class Client(asyncio.Protocol):
         return None if reply.done() else reply
 
 
-async def connect(source: ModbusSource, clock: Clock) -> Client:
-    """A connection to the source's device. Raises LinkError when there is none within its connect_timeout."""
-    transport = source.transport
-    framing = _framing(source)
-    if isinstance(transport, RtuTransport):
-        from softplc.drivers.modbus.rtu import open_serial  # noqa: PLC0415  pymodbus, only for RTU
-
-        client = Client(framing, transport.device, source.timeout_ms / 1000.0, clock)
-        client.connection_made(open_serial(transport, client))
-        return client
-    name = f"{transport.host}:{transport.port}"
-    limit = source.connect_timeout_ms / 1000.0
-    client = Client(framing, name, source.timeout_ms / 1000.0, clock)
-    loop = asyncio.get_running_loop()
-    try:
-        async with asyncio.timeout(limit):
-            await loop.create_connection(lambda: client, transport.host, transport.port)
-    except TimeoutError as error:
-        raise LinkError(f"{name}: no connection within {limit:g} s") from error
-    except OSError as error:
-        raise LinkError(f"{name}: cannot connect: {error.strerror or error}") from error
-    return client
-
-
-def _framing(source: ModbusSource) -> Framing:
+def framing_of(source: ModbusSource) -> Framing:
+    """The frames of a source's transport; imports pymodbus where it is needed."""
     match source.transport:
         case TcpTransport():
             return TcpFraming(source.unit_id)
@@ -167,3 +144,27 @@ def _framing(source: ModbusSource) -> Framing:
             from softplc.drivers.modbus.rtu import RtuFraming, silence  # noqa: PLC0415
 
             return RtuFraming(source.unit_id, silence(baudrate))
+
+
+async def connect(source: ModbusSource, framing: Framing, clock: Clock) -> Client:
+    """A connection to the source's device. Raises LinkError when there is none within its connect_timeout."""
+    transport = source.transport
+    timeout = source.timeout_ms / 1000.0
+    if isinstance(transport, RtuTransport):
+        from softplc.drivers.modbus.rtu import open_serial  # noqa: PLC0415
+
+        client = Client(framing, transport.device, timeout, clock)
+        client.connection_made(open_serial(transport, client))
+        return client
+    name = f"{transport.host}:{transport.port}"
+    limit = source.connect_timeout_ms / 1000.0
+    client = Client(framing, name, timeout, clock)
+    loop = asyncio.get_running_loop()
+    try:
+        async with asyncio.timeout(limit):
+            await loop.create_connection(lambda: client, transport.host, transport.port)
+    except TimeoutError as error:
+        raise LinkError(f"{name}: no connection within {limit:g} s") from error
+    except OSError as error:
+        raise LinkError(f"{name}: cannot connect: {error.strerror or error}") from error
+    return client

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from softplc.clock import Clock
-from softplc.drivers.modbus.client import Client, connect
+from softplc.drivers.modbus.client import Client, connect, framing_of
 from softplc.drivers.modbus.codec import REGISTERS, Field, encode
 from softplc.drivers.modbus.config import ModbusSource, ModbusTag
 from softplc.drivers.modbus.pdu import (
@@ -27,7 +27,7 @@ from softplc.errors import ConfigError, LinkError
 from softplc.sample import StatusCode
 from softplc.tags import Image
 
-_SEARCH_SHARE: Final = 0.25  # of timeout_ms: as long may a read go on after the addresses that a device does not know
+_SEARCH_SHARE: Final = 0.25  # of a read's time limit, for finding which addresses a device does not know
 
 
 class ModbusDriver:
@@ -36,13 +36,15 @@ class ModbusDriver:
     def __init__(
         self, config: ModbusSource, readings: Sequence[ModbusTag], writings: Sequence[ModbusTag], clock: Clock
     ) -> None:
-        self._config, self._writings, self._clock = config, writings, clock
-        limits = Limits(config.max_registers, config.max_bits, config.max_gap)
-        try:
-            self._poll = PollState([_value(config, tag) for tag in readings], limits)
-        except ValueError as error:
-            raise ConfigError(f"source {config.name}: {error}, expected a larger max_registers") from error
-        self._newest = Image(len(readings))
+        longest = max((REGISTERS[tag.data_type] for tag in readings), default=1)
+        if longest > config.max_registers:
+            raise ConfigError(
+                f"source {config.name}: max_registers is {config.max_registers}, but there is a value of {longest} "
+                f"registers, which must not be split; expected max_registers of {longest} or more"
+            )
+        self._config, self._readings, self._writings, self._clock = config, readings, writings, clock
+        self._framing = framing_of(config)
+        self._poll: PollState | None = None
         self._client: Client | None = None
         self._single_writes = True  # until the device refuses function 6
 
@@ -51,21 +53,17 @@ class ModbusDriver:
 
         Raises LinkError when the device cannot be reached or does not answer as Modbus asks.
         """
-        self._client = await connect(self._config, self._clock)
+        self._client = await connect(self._config, self._framing, self._clock)
         try:
-            await self.read(self._newest)
+            self._poll = _poll(self._config, self._readings)  # not before: while a device is away, attempts are cheap
+            await self._read(Image(len(self._readings)), _SEARCH_SHARE * self._config.connect_timeout_ms / 1000.0)
         except BaseException:
             await self._client.close()
             raise
 
     async def read(self, into: Image) -> None:
         """Fill `into`, one entry for each reading, from the device. Raises LinkError."""
-        begun = self._clock.monotonic()
-        search = _SEARCH_SHARE * self._config.timeout_ms / 1000.0
-        polled = self._poll.start()
-        for question in polled.due(lambda: self._clock.monotonic() - begun < search):
-            polled.take(await self._ask(question))
-        self._poll.finish(polled, into)
+        await self._read(into, _SEARCH_SHARE * self._config.timeout_ms / 1000.0)
 
     async def write(self, values: Mapping[int, float]) -> dict[int, int]:
         """Write engineering values to the writings by position; returns the raw StatusCode of each. Raises LinkError.
@@ -79,6 +77,16 @@ class ModbusDriver:
         """Let go of the connection, at once and without raising."""
         if self._client is not None:
             await self._client.close()
+
+    async def _read(self, into: Image, search: float) -> None:
+        """One read; after what the device does not know is searched for at most `search` seconds, at least once."""
+        if self._poll is None:
+            raise LinkError(f"source {self._config.name} is not open")
+        until = self._clock.monotonic() + search
+        polled = self._poll.start()
+        for question in polled.due(lambda: self._clock.monotonic() < until):
+            polled.take(await self._ask(question))
+        self._poll.finish(polled, into)
 
     async def _ask(self, question: Question) -> Answer:
         client = self._connected()
@@ -113,6 +121,12 @@ class ModbusDriver:
         if self._client is None:
             raise LinkError(f"source {self._config.name} is not open")
         return self._client
+
+
+def _poll(config: ModbusSource, tags: Sequence[ModbusTag]) -> PollState:
+    return PollState(
+        [_value(config, tag) for tag in tags], Limits(config.max_registers, config.max_bits, config.max_gap)
+    )
 
 
 def _value(config: ModbusSource, tag: ModbusTag) -> Value:

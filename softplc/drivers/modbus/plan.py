@@ -3,6 +3,8 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
+from operator import attrgetter
+from typing import Final
 
 from softplc.drivers.modbus.address import Address, Table
 
@@ -19,6 +21,9 @@ class Span:
     def stop(self) -> int:
         """Offset after the last one."""
         return self.start + self.length
+
+
+_ORDER: Final = attrgetter("table", "start", "length")  # what order=True compares, without a call for each comparison
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +70,7 @@ def plan(spans: Iterable[Span], limits: Limits) -> tuple[Request, ...]:
     the limit: raises ValueError otherwise.
     """
     requests: list[Request] = []
-    for table, group in groupby(sorted(set(spans)), key=lambda span: span.table):
+    for table, group in groupby(sorted(set(spans), key=_ORDER), key=attrgetter("table")):
         requests += (_request(table, run) for run in _runs(group, limits.of(table), limits.max_gap))
     return tuple(requests)
 
