@@ -49,7 +49,7 @@ def demo_config(ports: dict[str, int]) -> Config:
                 "name": "AxisY",
                 "unit": "mm",
                 "range": [-100, 500],
-                "input": {"source": "plc_modbus", "address": "holding:20", "data_type": "float32"},
+                "input": {"source": "plc_modbus", "address": "holding:120", "data_type": "float32"},
                 "observer": observer,
             },
         ],
@@ -67,7 +67,7 @@ def demo_scenario(ports: dict[str, int]) -> Scenario:
     noise = {"type": "uniform", "half_width": 2}
     data = {
         "period_ms": 50,
-        "seed": 0,
+        "seed": 1,
         "axes": [{"name": name, "unit": "mm", "motion": motion, "noise": noise} for name in ("AxisX", "AxisY")],
         "opcua": {"host": HOST, "port": ports["plc opcua"]},
         "modbus": {"host": HOST, "port": ports["plc modbus"]},

@@ -12,6 +12,7 @@ def notify(message: str) -> bool:
         return False
     address = "\0" + path[1:] if path.startswith("@") else path
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel, contextlib.suppress(OSError):
+        channel.setblocking(False)  # a service manager that does not read must not stop the scan
         channel.sendto(message.encode(), address)
         return True
     return False
