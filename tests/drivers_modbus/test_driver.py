@@ -4,10 +4,9 @@ import time
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from softplc.clock import SystemClock
-from softplc.drivers.modbus.config import ModbusSource, ModbusTag, RtuTransport
+from softplc.drivers.modbus.config import ModbusTag, RtuTransport
 from softplc.drivers.modbus.driver import ModbusDriver
 from softplc.errors import ConfigError, LinkError
 from softplc.interfaces import Driver
@@ -22,42 +21,46 @@ def test_build_makes_a_driver():
 
 
 @pytest.mark.parametrize(
-    ("fields", "place", "message"),
+    ("fields", "message"),
     [
-        ({"address": 40000}, "address", "40000 is outside 40001…49999"),
-        ({"address": "holding:70000"}, "address", "offset 70000 is outside 0…65535"),
-        ({"address": "coil:3"}, "data_type", "00004 / coil:3 is a single bit, float32 is not; expected bool"),
-        ({"address": "holding:65535"}, "data_type", "float32 takes 2 registers"),
-        ({"address": 40001, "data_type": "int64", "byte_order": "ABDC"}, "byte_order", "Input should be 'ABCD'"),
+        ({"address": 40000}, "source plc: 40000 is outside 40001…49999"),
+        ({"address": "holding:70000"}, "source plc: 'holding:70000': offset 70000 is outside 0…65535"),
+        ({"address": "coil:3"}, "source plc: 00004 / coil:3 is a single bit, found float32, expected bool"),
         (
-            {"address": 40001, "data_type": "int16", "byte_order": "CDAB"},
-            "byte_order",
-            "int16 takes one register and knows no byte order",
+            {"address": "holding:65535"},
+            "source plc: 465536 / holding:65535: float32 takes 2 registers, but 465536 / holding:65535 is the last",
         ),
-        ({"address": 40001, "scale": 0.0}, "scale", "a scale of 0"),
+        ({"address": 40001, "scale": 0.0}, "40001 / holding:0 float32: found scale 0, expected any other number"),
+        (
+            {"address": 40001, "data_type": "float64"},
+            "found max_registers 2, but a value of 4 registers must not be split; expected 4 or more",
+        ),
     ],
 )
-def test_a_wrong_tag_is_refused_at_its_key(fields, place, message):
-    with pytest.raises(ValidationError) as error:
-        ModbusTag(source="plc", **fields)
+@pytest.mark.parametrize("role", ["reading", "writing"])
+def test_a_tag_that_cannot_be_is_a_configuration_error(fields, message, role):
+    wrong = [ModbusTag(source="plc", **fields)]
 
-    (found,) = error.value.errors()
-    assert found["loc"] == (place,)
-    assert message in found["msg"]
+    with pytest.raises(ConfigError) as error:
+        ModbusDriver(
+            source(502, max_registers=2),
+            wrong if role == "reading" else [],
+            wrong if role == "writing" else [],
+            SystemClock(),
+        )
+
+    assert message in str(error.value)
 
 
-def test_unit_0_on_a_serial_line_is_refused():
-    with pytest.raises(ValidationError, match="broadcast"):
-        ModbusSource(type="modbus", name="plc", transport=RtuTransport(type="rtu", device="/dev/null"), unit_id=0)
+def test_unit_0_on_a_serial_line_is_a_configuration_error():
+    line = RtuTransport(type="rtu", device="/dev/null")
+
+    with pytest.raises(ConfigError, match="unit_id 0 is the broadcast"):
+        ModbusDriver(source(1, transport=line, unit_id=0), [], [], SystemClock())
 
 
 def test_a_tag_is_shown_in_both_notations():
     assert str(tag("HR0")) == "40001 / holding:0 float32"
-
-
-def test_a_value_longer_than_the_devices_limit_is_a_configuration_error():
-    with pytest.raises(ConfigError, match="source plc: max_registers is 2, but there is a value of 4 registers"):
-        ModbusDriver(source(502, max_registers=2), [tag(40001, "float64")], [], SystemClock())
 
 
 async def test_samples_carry_wall_time_and_monotonic_time_of_their_arrival():

@@ -13,11 +13,13 @@ import numpy as np
 import pytest
 
 from softplc.clock import SystemClock
+from softplc.drivers.modbus.config import RtuOverTcpTransport
 from softplc.drivers.modbus.driver import ModbusDriver
+from softplc.drivers.modbus.rtu import RtuFraming
 from softplc.errors import LinkError
 from softplc.sample import StatusCode
 from softplc.tags import Image
-from tests.drivers_modbus.support import GENEROUS, opened, read, running_peer, source, tag
+from tests.drivers_modbus.support import GENEROUS, descriptors, opened, read, running_peer, source, tag
 from tests.support.network import eventually, free_port
 
 Reply = Callable[[bytes, asyncio.StreamWriter], Awaitable[None]]
@@ -269,6 +271,65 @@ async def test_a_reader_that_gave_up_leaves_no_stale_reply_to_the_next_one():
     assert [struct.unpack(">H", request[:2])[0] for request in pending] == [3, 4]
 
 
+async def test_a_read_and_a_write_at_once_never_have_two_requests_outstanding():
+    outstanding, most = 0, 0
+
+    async def slow(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        async def answer(request: bytes) -> None:
+            nonlocal outstanding
+            await asyncio.sleep(0.005)  # time enough for a second request to come
+            outstanding -= 1
+            writer.write(honest(request))
+
+        nonlocal outstanding, most
+        async with asyncio.TaskGroup() as tasks:
+            while request := await reader.read(300):
+                outstanding += 1
+                most = max(most, outstanding)
+                tasks.create_task(answer(request))
+        writer.close()
+
+    async with await asyncio.start_server(slow, "127.0.0.1", 0) as listener:
+        port = listener.sockets[0].getsockname()[1]
+        async with opened(source(port), TAGS, TAGS) as driver:
+            images = [Image(len(TAGS)) for _ in range(5)]
+            async with asyncio.TaskGroup() as tasks:
+                for image in images:
+                    tasks.create_task(driver.read(image))
+                    tasks.create_task(driver.write({0: 258.0, 2: 1.0}))
+
+    assert most == 1
+    assert all(image.values.tolist() == [258.0, 258.0, 1.0] for image in images)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda frame: frame[:-1] + bytes([frame[-1] ^ 1]), "wrong checksum"),
+        (lambda frame: b"\x09" + frame[1:], "wrong checksum"),
+        (lambda frame: frame[:-1], "no reply within 1 s"),
+        (lambda frame: b"\x00" * 300, "without a frame"),
+        (lambda _: b"", "no reply within 1 s"),
+    ],
+)
+async def test_an_rtu_reply_that_is_spoilt_ends_the_link(spoil, message):
+    frame = RtuFraming(unit_id=1).frame(b"\x03\x02\x00\x07")  # a reply is framed as a request is
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        served = 0
+        while await reader.read(300):
+            writer.write(frame if served == 0 else spoil(frame))
+            served += 1
+        writer.close()
+
+    async with await asyncio.start_server(serve, "127.0.0.1", 0) as listener:
+        port = listener.sockets[0].getsockname()[1]
+        gateway = RtuOverTcpTransport(type="rtu_over_tcp", host="127.0.0.1", port=port)
+        async with opened(source(1, transport=gateway, timeout_ms=SHORT), TAGS[:1]) as driver:
+            with pytest.raises(LinkError, match=message):
+                await read(driver, 1)
+
+
 async def test_twenty_connections_leave_no_tasks_and_no_file_descriptors():
     async with server(answering(honest)) as port:
         clock = SystemClock()
@@ -289,7 +350,3 @@ async def test_twenty_connections_leave_no_tasks_and_no_file_descriptors():
         await eventually(lambda: descriptors() == before, what="file descriptors are back")
         await eventually(lambda: len(asyncio.all_tasks()) == 1, what="no task is left")
         clock.close()
-
-
-def descriptors() -> int:
-    return len(os.listdir("/proc/self/fd"))  # noqa: PTH208  counting, as cheap as can be

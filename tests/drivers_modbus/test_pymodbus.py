@@ -13,7 +13,8 @@ from pymodbus.server import ModbusSerialServer
 from softplc.drivers.modbus.config import RtuOverTcpTransport, RtuTransport
 from softplc.errors import LinkError
 from softplc.sample import StatusCode
-from tests.drivers_modbus.support import opened, plain_device, pymodbus_server, read, source, tag
+from tests.drivers_modbus.support import descriptors, opened, plain_device, pymodbus_server, read, source, tag
+from tests.support.network import eventually
 
 TAGS = [
     tag("coil:3", "bool"),
@@ -94,6 +95,15 @@ async def test_a_silent_serial_line_is_a_lost_link_and_the_port_can_be_opened_ag
                 pass
         async with serial_server(far, unit=1), opened(serial(near), TAGS[:1]) as driver:
             assert (await read(driver, 1)).values.tolist() == [1.0]
+
+
+async def test_twenty_openings_of_a_serial_port_leave_no_tasks_and_no_file_descriptors():
+    async with serial_line() as (near, far), serial_server(far, unit=1):
+        before = descriptors(), len(asyncio.all_tasks())
+        for _ in range(20):
+            async with opened(serial(near), TAGS) as driver:
+                await read(driver, len(TAGS))
+        await eventually(lambda: (descriptors(), len(asyncio.all_tasks())) == before)
 
 
 async def test_a_serial_port_that_another_one_holds_is_refused():

@@ -15,7 +15,6 @@ import re
 from dataclasses import dataclass
 from difflib import get_close_matches
 from enum import StrEnum
-from functools import lru_cache
 from typing import Final
 
 LAST_OFFSET: Final = 65535
@@ -64,7 +63,6 @@ class Address:
         return f"{self.number} / {self.table.value}:{self.offset}"
 
 
-@lru_cache(maxsize=65536)  # the same addresses again with every connection
 def parse_address(text: int | str) -> Address:
     """The address that a person wrote, in any of the notations above.
 

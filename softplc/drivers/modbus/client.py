@@ -13,7 +13,7 @@ from softplc.clock import Clock
 from softplc.drivers.modbus.config import ModbusSource, RtuOverTcpTransport, RtuTransport, TcpTransport
 from softplc.drivers.modbus.pdu import ProtocolError
 from softplc.drivers.modbus.tcp import TcpFraming
-from softplc.errors import LinkError
+from softplc.errors import ConfigError, LinkError
 
 
 class Framing(Protocol):
@@ -132,7 +132,14 @@ class Client(asyncio.Protocol):
 
 
 def framing_of(source: ModbusSource) -> Framing:
-    """The frames of a source's transport; imports pymodbus where it is needed."""
+    """The frames of a source's transport; imports pymodbus where it is needed.
+
+    Raises ConfigError for unit 0 on a serial line.
+    """
+    if source.unit_id == 0 and not isinstance(source.transport, TcpTransport):
+        raise ConfigError(
+            f"source {source.name}: unit_id 0 is the broadcast of a serial line, nobody answers it; expected 1 to 247"
+        )
     match source.transport:
         case TcpTransport():
             return TcpFraming(source.unit_id)

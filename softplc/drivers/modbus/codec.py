@@ -19,13 +19,12 @@ import math
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-ByteOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]
-ModbusType = Literal["bool", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
+from softplc.drivers.modbus.config import ByteOrder, ModbusType
 
 REGISTERS: Final[dict[ModbusType, int]] = {
     "bool": 1,

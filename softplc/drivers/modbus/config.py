@@ -3,13 +3,15 @@
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field
 
 from softplc.clock import Clock
-from softplc.drivers.modbus.address import LAST_OFFSET, Address, parse_address
-from softplc.drivers.modbus.codec import REGISTERS, ByteOrder, ModbusType
+from softplc.drivers.modbus.address import Address, parse_address
 from softplc.interfaces import Driver
 from softplc.model import Model, Name
+
+ByteOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]
+ModbusType = Literal["bool", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
 
 
 class TcpTransport(Model):
@@ -63,12 +65,6 @@ class ModbusSource(Model):
     connect_timeout_ms: Annotated[float, Field(ge=100, le=60_000)] = 4000.0
     """An attempt to connect that takes longer is given up, ms."""
 
-    @model_validator(mode="after")
-    def _serial_units(self) -> "ModbusSource":
-        if self.unit_id == 0 and not isinstance(self.transport, TcpTransport):
-            raise ValueError("unit_id 0 is the broadcast of a serial line, which nobody answers; expected 1 to 247")
-        return self
-
     def build(
         self, readings: Sequence["ModbusTag"], writings: Sequence["ModbusTag"], clock: Clock, period: float
     ) -> Driver:
@@ -91,43 +87,14 @@ class ModbusTag(Model):
     """Engineering value = raw · scale + offset."""
     offset: float = 0.0
 
-    @field_validator("address")
-    @classmethod
-    def _is_an_address(cls, value: int | str) -> int | str:
-        parse_address(value)
-        return value
-
-    @field_validator("data_type")
-    @classmethod
-    def _fits_the_address(cls, value: ModbusType, info: ValidationInfo) -> ModbusType:
-        if "address" not in info.data:  # it has an error of its own
-            return value
-        address = parse_address(info.data["address"])
-        if address.table.bits and value != "bool":
-            raise ValueError(f"{address} is a single bit, {value} is not; expected bool")
-        if not address.table.bits and address.offset + REGISTERS[value] > LAST_OFFSET + 1:
-            raise ValueError(f"{value} takes {REGISTERS[value]} registers, {address} leaves fewer to the table's end")
-        return value
-
-    @field_validator("byte_order")
-    @classmethod
-    def _has_an_order(cls, value: ByteOrder | None, info: ValidationInfo) -> ByteOrder | None:
-        data_type = info.data.get("data_type")
-        if value is not None and data_type is not None and REGISTERS[data_type] == 1:
-            raise ValueError(f"{data_type} takes one register and knows no byte order; expected no byte_order here")
-        return value
-
-    @field_validator("scale")
-    @classmethod
-    def _scales(cls, value: float) -> float:
-        if value == 0.0:
-            raise ValueError("a scale of 0 makes every value the same; expected any other number")
-        return value
-
     @property
     def location(self) -> Address:
-        """Table and offset that the address means."""
+        """Table and offset that the address means. Raises ValueError where it means none."""
         return parse_address(self.address)
 
     def __str__(self) -> str:
-        return f"{self.location} {self.data_type}"
+        """The address in both notations, as far as it is one, and the type."""
+        try:
+            return f"{self.location} {self.data_type}"
+        except ValueError:
+            return f"{self.address} {self.data_type}"

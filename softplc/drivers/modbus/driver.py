@@ -6,12 +6,14 @@ Modbus carries no timestamps: the source timestamp of a sample is the wall time 
 """
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Final
 
 from softplc.clock import Clock
+from softplc.drivers.modbus.address import LAST_OFFSET, Address, parse_address
 from softplc.drivers.modbus.client import Client, connect, framing_of
 from softplc.drivers.modbus.codec import REGISTERS, Field, encode
-from softplc.drivers.modbus.config import ModbusSource, ModbusTag
+from softplc.drivers.modbus.config import ModbusSource, ModbusTag, ModbusType
 from softplc.drivers.modbus.pdu import (
     ILLEGAL_FUNCTION,
     WRITE_REGISTER,
@@ -36,12 +38,9 @@ class ModbusDriver:
     def __init__(
         self, config: ModbusSource, readings: Sequence[ModbusTag], writings: Sequence[ModbusTag], clock: Clock
     ) -> None:
-        longest = max((REGISTERS[tag.data_type] for tag in readings), default=1)
-        if longest > config.max_registers:
-            raise ConfigError(
-                f"source {config.name}: max_registers is {config.max_registers}, but there is a value of {longest} "
-                f"registers, which must not be split; expected max_registers of {longest} or more"
-            )
+        self._spans = [_checked(config, tag) for tag in readings]
+        for tag in writings:
+            _checked(config, tag)
         self._config, self._readings, self._writings, self._clock = config, readings, writings, clock
         self._framing = framing_of(config)
         self._poll: PollState | None = None
@@ -55,7 +54,7 @@ class ModbusDriver:
         """
         self._client = await connect(self._config, self._framing, self._clock)
         try:
-            self._poll = _poll(self._config, self._readings)  # not before: while a device is away, attempts are cheap
+            self._poll = self._plan()  # not before: attempts to reach a device that is away are cheap
             await self._read(Image(len(self._readings)), _SEARCH_SHARE * self._config.connect_timeout_ms / 1000.0)
         except BaseException:
             await self._client.close()
@@ -77,6 +76,14 @@ class ModbusDriver:
         """Let go of the connection, at once and without raising."""
         if self._client is not None:
             await self._client.close()
+
+    def _plan(self) -> PollState:
+        order = self._config.byte_order
+        values = [
+            Value(span, Field(0, tag.data_type, tag.byte_order or order, tag.scale, tag.offset))
+            for span, tag in zip(self._spans, self._readings, strict=True)
+        ]
+        return PollState(values, Limits(self._config.max_registers, self._config.max_bits, self._config.max_gap))
 
     async def _read(self, into: Image, search: float) -> None:
         """One read; after what the device does not know is searched for at most `search` seconds, at least once."""
@@ -123,13 +130,30 @@ class ModbusDriver:
         return self._client
 
 
-def _poll(config: ModbusSource, tags: Sequence[ModbusTag]) -> PollState:
-    return PollState(
-        [_value(config, tag) for tag in tags], Limits(config.max_registers, config.max_bits, config.max_gap)
-    )
+def _checked(config: ModbusSource, tag: ModbusTag) -> Span:
+    """What a tag occupies in the device. Raises ConfigError when it cannot be read or written as configured."""
+    try:
+        span = _span(tag.address, tag.data_type)
+    except ValueError as error:
+        raise ConfigError(f"source {config.name}: {error}") from error
+    if tag.scale == 0.0:
+        raise ConfigError(f"source {config.name}: {tag}: found scale 0, expected any other number")
+    if span.length > config.max_registers:
+        raise ConfigError(
+            f"source {config.name}: {tag}: found max_registers {config.max_registers}, but a value of {span.length} "
+            f"registers must not be split; expected {span.length} or more"
+        )
+    return span
 
 
-def _value(config: ModbusSource, tag: ModbusTag) -> Value:
-    address = tag.location
-    span = Span(address.table, address.offset, 1 if address.table.bits else REGISTERS[tag.data_type])
-    return Value(span, Field(0, tag.data_type, tag.byte_order or config.byte_order, tag.scale, tag.offset))
+@lru_cache(maxsize=65536)  # the same tags again with every connection
+def _span(address: int | str, data_type: ModbusType) -> Span:
+    place, registers = parse_address(address), REGISTERS[data_type]
+    if place.table.bits and data_type != "bool":
+        raise ValueError(f"{place} is a single bit, found {data_type}, expected bool")
+    if place.offset + registers > LAST_OFFSET + 1:
+        last = Address(place.table, LAST_OFFSET)
+        raise ValueError(
+            f"{place}: {data_type} takes {registers} registers, but {last} is the last; expected a lower one"
+        )
+    return Span(place.table, place.offset, registers)
