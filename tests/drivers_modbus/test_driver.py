@@ -61,6 +61,7 @@ def test_unit_0_on_a_serial_line_is_a_configuration_error():
 
 def test_a_tag_is_shown_in_both_notations():
     assert str(tag("HR0")) == "40001 / holding:0 float32"
+    assert str(tag("no address")) == "no address float32"
 
 
 async def test_samples_carry_wall_time_and_monotonic_time_of_their_arrival():

@@ -8,10 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from softplc.drivers.modbus.address import Address, Table
-from softplc.drivers.modbus.pdu import ProtocolError, Refused, read_reply, read_request, write_request
+from softplc.drivers.modbus.pdu import ProtocolError, Refused, read_reply, read_request, write_reply, write_request
 from softplc.drivers.modbus.plan import Limits, Span, plan
 from softplc.drivers.modbus.rtu import RtuFraming, silence
 from softplc.drivers.modbus.tcp import TcpFraming
+from softplc.sample import StatusCode
 
 READ_TEN = read_request(plan([Span(Table.HOLDING, 0, 10)], Limits())[0])
 TEN = bytes([3, 20]) + bytes(range(20))
@@ -35,6 +36,18 @@ def test_replies_are_those_of_the_specification():
     assert read_reply(coils, bytes.fromhex("0103cd6b05")) == bytes.fromhex("cd6b05")
     assert read_reply(bytes.fromhex("03006b0003"), bytes.fromhex("0306022b00000064")) == bytes.fromhex("022b00000064")
     assert read_reply(coils, bytes.fromhex("8102")) == Refused(2)
+
+
+def test_a_write_is_good_only_when_the_device_confirms_all_of_it():
+    coil, register, registers = (bytes.fromhex(pdu) for pdu in ("0500acff00", "0600010003", "100001000204000a0102"))
+
+    assert write_reply(coil, coil) == write_reply(register, register) == StatusCode.GOOD
+    assert write_reply(registers, registers[:5]) == StatusCode.GOOD
+    assert write_reply(coil, bytes.fromhex("0500ac0000")) == StatusCode.BAD_OUT_OF_RANGE
+    assert write_reply(registers, bytes.fromhex("9006")) == StatusCode.BAD_RESOURCE_UNAVAILABLE
+    for wrong in ("1000010001", "1000020002", "100001", "", "0600010002"):
+        with pytest.raises(ProtocolError):
+            write_reply(registers, bytes.fromhex(wrong))
 
 
 def test_a_tcp_frame_carries_transaction_protocol_length_and_unit():

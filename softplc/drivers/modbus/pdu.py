@@ -25,17 +25,17 @@ ILLEGAL_VALUE: Final = 3
 _ON, _OFF = 0xFF00, 0x0000
 _EXCEPTION_BIT: Final = 0x80
 
-_EXCEPTIONS: Final = {
-    1: ("illegal function", StatusCode.BAD_NOT_SUPPORTED),
-    2: ("illegal data address", StatusCode.BAD_CONFIGURATION_ERROR),
-    3: ("illegal data value", StatusCode.BAD_CONFIGURATION_ERROR),
-    4: ("server device failure", StatusCode.BAD_DEVICE_FAILURE),
-    5: ("acknowledge, still busy", StatusCode.BAD_RESOURCE_UNAVAILABLE),
-    6: ("server device busy", StatusCode.BAD_RESOURCE_UNAVAILABLE),
-    7: ("negative acknowledge", StatusCode.BAD_NOT_SUPPORTED),
-    8: ("memory parity error", StatusCode.BAD_DEVICE_FAILURE),
-    10: ("gateway path unavailable", StatusCode.BAD_NO_COMMUNICATION),
-    11: ("gateway target failed to respond", StatusCode.BAD_NO_COMMUNICATION),
+_STATUS_OF_EXCEPTION: Final = {
+    1: StatusCode.BAD_NOT_SUPPORTED,  # illegal function
+    2: StatusCode.BAD_CONFIGURATION_ERROR,  # illegal data address
+    3: StatusCode.BAD_CONFIGURATION_ERROR,  # illegal data value
+    4: StatusCode.BAD_DEVICE_FAILURE,  # server device failure
+    5: StatusCode.BAD_RESOURCE_UNAVAILABLE,  # acknowledge: still busy with it
+    6: StatusCode.BAD_RESOURCE_UNAVAILABLE,  # server device busy
+    7: StatusCode.BAD_NOT_SUPPORTED,  # negative acknowledge
+    8: StatusCode.BAD_DEVICE_FAILURE,  # memory parity error
+    10: StatusCode.BAD_NO_COMMUNICATION,  # gateway path unavailable
+    11: StatusCode.BAD_NO_COMMUNICATION,  # gateway target failed to respond
 }
 
 
@@ -52,11 +52,7 @@ class Refused:
     @property
     def status(self) -> int:
         """The raw OPC UA StatusCode of the tags that were asked for."""
-        return int(_EXCEPTIONS[self.code][1]) if self.code in _EXCEPTIONS else int(StatusCode.BAD)
-
-    def __str__(self) -> str:
-        text = _EXCEPTIONS[self.code][0] if self.code in _EXCEPTIONS else "not in the standard"
-        return f"exception {self.code} ({text})"
+        return int(_STATUS_OF_EXCEPTION.get(self.code, StatusCode.BAD))
 
 
 def read_request(request: Request) -> bytes:
@@ -100,13 +96,11 @@ def write_reply(request: bytes, reply: bytes) -> int:
     refused = _refusal(request, reply)
     if refused is not None:
         return refused.status
-    if len(reply) != 5 or reply[:3] != request[:3]:
-        raise ProtocolError(f"reply {reply.hex(' ')} does not answer the write request {request[:5].hex(' ')}")
-    if reply[3:5] == request[3:5]:
+    if reply == request[:5]:
         return int(StatusCode.GOOD)
-    if request[0] == WRITE_REGISTERS:
-        raise ProtocolError(f"reply {reply.hex(' ')} does not answer the write request {request[:5].hex(' ')}")
-    return int(StatusCode.BAD_OUT_OF_RANGE)
+    if len(reply) == 5 and reply[:3] == request[:3] and request[0] != WRITE_REGISTERS:
+        return int(StatusCode.BAD_OUT_OF_RANGE)
+    raise ProtocolError(f"reply {reply.hex(' ')} does not answer the write request {request[:5].hex(' ')}")
 
 
 def _refusal(request: bytes, reply: bytes) -> Refused | None:
