@@ -113,7 +113,7 @@ async def test_a_reply_that_does_not_fit_its_request_ends_the_link(wrong):
             await driver.read(image)
         assert np.isnan(image.values).all()  # nothing of it came through
 
-        with pytest.raises(LinkError):  # and the connection stays unusable
+        with pytest.raises(LinkError):
             await driver.read(image)
 
 
@@ -133,6 +133,19 @@ async def test_registers_are_taken_only_when_all_that_were_asked_for_came(wrong)
         assert (await read(driver, 2)).values.tolist() == [258.0, 258.0]  # the second honest answer
         with pytest.raises(LinkError, match=r"40001 / holding:0 and the next 1: .*(code 4|were asked for)"):
             await read(driver, 2)
+
+
+async def test_after_one_wrong_reply_right_ones_are_not_taken_either():
+    lies = iter([with_pdu(b"\x03\x02\x01\x02")])
+
+    def reply(request: bytes) -> bytes:
+        return next(lies, honest)(request)
+
+    async with server(answering(reply)) as port, opened(source(port), REGISTERS) as driver:
+        await read(driver, 2)
+        for _ in range(2):
+            with pytest.raises(LinkError):
+                await read(driver, 2)
 
 
 @pytest.mark.parametrize(

@@ -5,29 +5,23 @@ that request (`pdu.py`); any reply that does not fit its request, and silence, e
 Modbus carries no timestamps: the source timestamp of a sample is the wall time at which its reply arrived.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import Final
+from typing import Final, TypeVar
 
 from softplc.clock import Clock
 from softplc.drivers.modbus.address import LAST_OFFSET, Address, parse_address
 from softplc.drivers.modbus.client import Client, connect, framing_of
 from softplc.drivers.modbus.codec import REGISTERS, Field, encode
 from softplc.drivers.modbus.config import ModbusSource, ModbusTag, ModbusType
-from softplc.drivers.modbus.pdu import (
-    ILLEGAL_FUNCTION,
-    WRITE_REGISTER,
-    ProtocolError,
-    Refused,
-    read_reply,
-    write_reply,
-    write_request,
-)
-from softplc.drivers.modbus.plan import Limits, Span
+from softplc.drivers.modbus.pdu import WRITE_REGISTER, ProtocolError, read_reply, write_reply, write_request
+from softplc.drivers.modbus.plan import Limits, Request, Span
 from softplc.drivers.modbus.polling import Answer, PollState, Question, Value
 from softplc.errors import ConfigError, LinkError
 from softplc.sample import StatusCode
 from softplc.tags import Image
+
+T = TypeVar("T")
 
 _SEARCH_SHARE: Final = 0.25  # of a read's time limit, for finding which addresses a device does not know
 
@@ -96,13 +90,8 @@ class ModbusDriver:
         self._poll.finish(polled, into)
 
     async def _ask(self, question: Question) -> Answer:
-        client = self._connected()
-        pdu = await client.request(question.pdu)
-        try:
-            reply = read_reply(question.pdu, pdu)
-        except ProtocolError as error:
-            raise LinkError(f"{client.name}: {question.request}: {error}") from error
-        return Answer(question, reply, client.heard, self._clock.utc_ns())
+        reply = await self._exchange(question.pdu, read_reply, question.request)
+        return Answer(question, reply, self._connected().heard, self._clock.utc_ns())
 
     async def _write(self, tag: ModbusTag, value: float) -> int:
         address = tag.location
@@ -112,17 +101,23 @@ class ModbusDriver:
         registers = encode(value, tag.data_type, order, tag.scale, tag.offset)
         if registers is None:
             return int(StatusCode.BAD_OUT_OF_RANGE)
-        client = self._connected()
         request = write_request(address, registers, multiple=not self._single_writes)
-        try:
-            status = write_reply(request, await client.request(request))
-            if status == Refused(ILLEGAL_FUNCTION).status and request[0] == WRITE_REGISTER:
-                self._single_writes = False  # some devices write with function 16 only
-                request = write_request(address, registers, multiple=True)
-                status = write_reply(request, await client.request(request))
-        except ProtocolError as error:
-            raise LinkError(f"{client.name}: {address}: {error}") from error
+        status = await self._exchange(request, write_reply, address)
+        if status == StatusCode.BAD_NOT_SUPPORTED and request[0] == WRITE_REGISTER:
+            self._single_writes = False  # some devices write with function 16 only
+            request = write_request(address, registers, multiple=True)
+            status = await self._exchange(request, write_reply, address)
         return status
+
+    async def _exchange(self, request: bytes, check: Callable[[bytes, bytes], T], place: Request | Address) -> T:
+        """What `check` makes of the reply; a reply that it does not accept is the connection's end."""
+        client = self._connected()
+        reply = await client.request(request)
+        try:
+            return check(request, reply)
+        except ProtocolError as error:
+            await client.close()
+            raise LinkError(f"{client.name}: {place}: {error}") from error
 
     def _connected(self) -> Client:
         if self._client is None:
