@@ -59,7 +59,8 @@ def main() -> None:
     parser.add_argument("--period-ms", type=float, default=50.0)
     parser.add_argument("--hog", action="store_true")
     options = parser.parse_args()
-    hog = multiprocessing.get_context("spawn").Process(target=_hog, args=(options.seconds + 5,)) if options.hog else None
+    spawn = multiprocessing.get_context("spawn")
+    hog = spawn.Process(target=_hog, args=(options.seconds + 5,)) if options.hog else None
     if hog is not None:
         hog.start()
     late = asyncio.run(_measure(options.period_ms / 1e3, options.seconds))

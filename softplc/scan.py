@@ -16,6 +16,12 @@ from softplc.timing import Scan, TaskStatistics, next_deadline
 from softplc.writeback import WriteBack
 
 READ_BUDGET = 0.6  # part of the period that a scan waits for replies; later ones serve the next scan
+_STATISTICS = (
+    ("P50", "median of the last 1024 scans"),
+    ("P95", "95th percentile of the last 1024 scans"),
+    ("P99", "99th percentile of the last 1024 scans"),
+    ("Max", "largest since start"),
+)
 _REFRESH = 1.0  # seconds between two computations of the percentiles
 
 log = structlog.get_logger(__name__)
@@ -35,9 +41,9 @@ def task_tags(name: str) -> tuple[Tag, ...]:
         tag("Jitter", "s", "Measured time between scans minus the period"),
         tag("ExecutionTime", "s", "From the start of the scan to its published image"),
         *(
-            tag(f"{kind}{statistic}", "s", f"{text}, {statistic.lower()} of the last 1024 scans")
+            tag(f"{kind}{statistic}", "s", f"{text}, {meaning}")
             for kind, text in (("Dt", "Δt"), ("Jitter", "Absolute jitter"), ("Execution", "Execution time"))
-            for statistic in ("P50", "P95", "P99", "Max")
+            for statistic, meaning in _STATISTICS
         ),
         tag("Overruns", "", "Slots of the time grid that were missed since start", DataType.UINT32),
     )

@@ -15,7 +15,7 @@ import numpy as np
 from pymodbus.client import ModbusTcpClient
 
 mpl.use("agg")
-from matplotlib import pyplot as plt  # noqa: E402
+from matplotlib import pyplot as plt
 
 SOFTPLC_AXIS = {"Position": 0, "Velocity": 2, "Raw": 4}  # offsets in the axis block, docs/modbus-map.md
 
@@ -62,7 +62,7 @@ def _document(demo: subprocess.Popen[str]) -> str:
 
 
 def _client(endpoint: str) -> ModbusTcpClient:
-    host, _, port = endpoint.split("//")[-1].split()[0].partition(":")
+    host, _, port = endpoint.rsplit("//", maxsplit=1)[-1].split(maxsplit=1)[0].partition(":")
     client = ModbusTcpClient(host, port=int(port))
     if not client.connect():
         raise SystemExit(f"no connection to {endpoint}")
@@ -72,7 +72,7 @@ def _client(endpoint: str) -> ModbusTcpClient:
 def draw(rows: np.ndarray, output: Path) -> None:
     """Position above, velocity below; grey measured, orange filtered, black true."""
     t, raw, position, velocity, true_position, true_velocity = rows.T
-    figure, (above, below) = plt.subplots(2, 1, figsize=(12, 6), sharex=True, layout="constrained", height_ratios=(3, 2))
+    figure, (above, below) = plt.subplots(2, 1, figsize=(12, 6), sharex=True, layout="constrained")
     above.plot(t, raw, color="#b0b0b0", linewidth=1, label="measured")
     above.plot(t, true_position, color="black", linewidth=0.8, linestyle="--", label="true")
     above.plot(t, position, color="#e8710a", linewidth=1.8, label="filtered (softplc)")

@@ -56,7 +56,7 @@ class ModbusServer:
         if self._server is not None:
             await self._server.shutdown()
 
-    async def _on_request(  # noqa: PLR0917  pymodbus calls it so
+    async def _on_request(
         self,
         function: int,
         start: int,

@@ -37,7 +37,8 @@ def test_without_permission_each_option_is_a_warning_with_its_cure():
         "import os, resource\n"
         "from softplc.app.logs import configure_logs; from softplc.app.realtime import apply_realtime\n"
         "from softplc.config.models import Log, RealTime\n"
-        "resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0)); resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))\n"
+        "resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))\n"
+        "resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))\n"
         "if os.geteuid() == 0: os.setgid(65534); os.setuid(65534)\n"
         "configure_logs(Log(format='json'), 'scan'); apply_realtime(RealTime(fifo_priority=50, lock_memory=True))"
     )

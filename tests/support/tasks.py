@@ -40,7 +40,9 @@ class Echo:
 class Rig:
     """One task with one device; `scans` records every finished scan."""
 
-    def __init__(self, clock: Clock | None = None, period: float = 0.1, readings: int = 1, timeout: float = 0.2) -> None:
+    def __init__(
+        self, clock: Clock | None = None, period: float = 0.1, readings: int = 1, timeout: float = 0.2
+    ) -> None:
         self.clock = clock or VirtualClock()
         self.device = Device(self.clock, readings)
         self.scans: list[Scan] = []
@@ -51,7 +53,9 @@ class Rig:
         table.close_section("main")
         buffer = bytearray(size(table))
         self.reader = Reader(buffer, table, self.clock)
-        self.link = Link("plc", self.device.driver, [f"r{k}" for k in range(readings)], ["w"], self.clock, timeout, 1.0)
+        self.link = Link(
+            "plc", self.device.driver, [f"r{k}" for k in range(readings)], ["w"], self.clock, timeout, 1.0
+        )
         self.echo = Echo(echo.start)
         self.task = CyclicTask(
             name="main",

@@ -1,0 +1,1 @@
+"""The Modbus server against its own rules and against independent clients."""

@@ -1,0 +1,103 @@
+import json
+
+import pytest
+
+from tests.support.network import free_port
+from tests.support.program import ROOT, softplc
+
+
+def test_no_arguments_show_the_commands():
+    done = softplc()
+    assert done.returncode == 2
+    for command in ("demo", "run", "check", "browse", "emulate", "schema", "export", "health"):
+        assert command in done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("command", ["demo", "run", "check", "browse", "emulate", "replay", "schema", "health"])
+def test_every_command_explains_itself(command):
+    done = softplc(command, "--help")
+    assert done.returncode == 0
+    assert "Usage" in done.stdout
+
+
+def test_the_version_is_printed():
+    assert softplc("--version").stdout.startswith("softplc 0.")
+
+
+def test_a_wrong_option_is_a_usage_error():
+    done = softplc("check", "--conect", "x.yaml")
+    assert done.returncode == 2
+    assert "conect" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_configuration_error_names_file_line_and_column_and_exits_78(tmp_path):
+    path = tmp_path / "wrong.yaml"
+    path.write_text((ROOT / "config" / "minimal.yaml").read_text().replace("r_x", "r_y"))
+    done = softplc("check", str(path))
+    assert done.returncode == 78
+    assert f"{path}:" in done.stderr
+    assert "r_x" in done.stderr
+    assert done.stdout == ""
+
+
+def test_a_missing_file_exits_78():
+    done = softplc("run", "nowhere.yaml")
+    assert done.returncode == 78
+    assert "nowhere.yaml" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["minimal", "demo", "plant"])
+def test_the_shipped_examples_are_valid(name):
+    done = softplc("check", f"config/{name}.yaml", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)
+
+
+def test_check_connect_exits_69_and_says_which_source_when_none_answers(tmp_path):
+    path = tmp_path / "c.yaml"
+    path.write_text(
+        f"""sources:
+  - {{name: plc, type: opcua, url: "opc.tcp://127.0.0.1:{free_port()}"}}
+axes:
+  - name: X
+    input: {{source: plc, node: "ns=2;s=X"}}
+    observer: {{type: aoi, r_x: 1.0}}
+"""
+    )
+    done = softplc("check", str(path), "--connect")
+    assert done.returncode == 69
+    assert "plc" in done.stderr
+    assert "BadNoCommunication" in done.stdout
+
+
+def test_browse_exits_69_when_nothing_listens():
+    done = softplc("browse", f"opc.tcp://127.0.0.1:{free_port()}")
+    assert done.returncode == 69
+    assert "Traceback" not in done.stderr
+
+
+def test_schema_prints_the_shipped_schema():
+    done = softplc("schema")
+    assert json.loads(done.stdout) == json.loads((ROOT / "config" / "softplc.schema.json").read_text())
+
+
+def test_health_exits_1_when_nothing_runs(tmp_path):
+    path = tmp_path / "c.yaml"
+    text = (ROOT / "config" / "demo.yaml").read_text()
+    path.write_text(text.replace("5020", str(free_port())).replace("4840", str(free_port())))
+    done = softplc("health", str(path), "--timeout", "0.5")
+    assert done.returncode == 1
+
+
+@pytest.mark.parametrize("style", ["csv", "md", "json"])
+def test_the_modbus_map_is_exported(style):
+    done = softplc("export", "modbus-map", "config/demo.yaml", "--format", style)
+    assert done.returncode == 0, done.stderr
+    assert "AxisX.Position" in done.stdout
+
+
+def test_help_imports_none_of_the_heavy_libraries():
+    done = softplc("--help", PYTHONPROFILEIMPORTTIME="1")
+    for library in ("asyncua", "pymodbus", "numpy"):
+        assert f" {library}\n" not in done.stderr
