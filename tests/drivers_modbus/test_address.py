@@ -1,7 +1,7 @@
 """Addresses as people write them, and the errors that say what would be right."""
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from softplc.drivers.modbus.address import Address, Table, parse_address
@@ -75,6 +75,7 @@ def test_what_is_no_address_is_refused_with_what_would_be_right(written, message
     assert message in str(error.value)
 
 
+@settings(deadline=None)  # a loaded machine is no failure
 @given(st.sampled_from(list(Table)), st.integers(0, 65535))
 def test_both_shown_notations_read_back_as_the_same_address(table, offset):
     address = Address(table, offset)

@@ -3,7 +3,7 @@
 from functools import cache
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from softplc.drivers.modbus.address import Table
@@ -82,6 +82,7 @@ SPANS = st.lists(
 LIMITS = st.builds(Limits, st.integers(4, 20), st.integers(4, 20), st.integers(0, 8))
 
 
+@settings(deadline=None)  # a loaded machine is no failure
 @given(SPANS, LIMITS)
 def test_every_value_is_covered_whole_and_once_within_limit_and_gap(spans, limits):
     requests = plan(spans, limits)
@@ -99,6 +100,7 @@ def test_every_value_is_covered_whole_and_once_within_limit_and_gap(spans, limit
     assert requests == plan(reversed(spans), limits)
 
 
+@settings(deadline=None)  # a loaded machine is no failure
 @given(
     st.lists(st.builds(Span, st.just(Table.INPUT), st.integers(0, 14), st.sampled_from([1, 2, 4])), max_size=7),
     LIMITS,
@@ -126,6 +128,7 @@ def fewest(spans: tuple[Span, ...], limits: Limits) -> int:
     return best
 
 
+@settings(deadline=None)  # a loaded machine is no failure
 @given(SPANS, LIMITS)
 def test_splitting_ends_with_every_value_alone(spans, limits):
     requests = list(plan(spans, limits))

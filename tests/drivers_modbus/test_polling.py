@@ -3,7 +3,7 @@
 import struct
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from softplc.drivers.modbus.address import Table
@@ -55,6 +55,7 @@ def assert_read(image: Image, offsets: list[int], device: Device) -> None:
 OFFSETS = st.lists(st.integers(0, 80), min_size=1, max_size=30)
 
 
+@settings(deadline=None)  # a loaded machine is no failure
 @given(OFFSETS, st.sets(st.integers(0, 80), max_size=10), st.integers(1, 125), st.integers(0, 8))
 def test_what_the_device_gives_is_good_and_what_it_refuses_is_bad_from_the_first_read(offsets, unknown, most, gap):
     device, poll, image = (
@@ -72,6 +73,7 @@ def test_what_the_device_gives_is_good_and_what_it_refuses_is_bad_from_the_first
     assert device.asked <= len(set(offsets) - unknown) + bool(unknown.intersection(offsets))
 
 
+@settings(deadline=None)  # a loaded machine is no failure
 @given(OFFSETS, st.sets(st.integers(0, 80), max_size=10), st.sets(st.integers(0, 80), max_size=10))
 def test_addresses_that_appear_are_found_and_those_that_vanish_turn_bad(offsets, before, after):
     device, poll, image = Device(before), PollState(values_at(offsets), Limits()), Image(len(offsets))
@@ -97,6 +99,7 @@ def test_when_all_addresses_are_given_again_the_reads_are_as_few_as_at_first():
     assert device.asked == 1
 
 
+@settings(deadline=None)  # a loaded machine is no failure
 @given(OFFSETS, st.sets(st.integers(0, 80), max_size=10), st.integers(1, 125))
 def test_without_time_to_search_each_read_costs_two_requests_more_and_the_end_is_the_same(offsets, unknown, most):
     device, poll, image = Device(unknown, most), PollState(values_at(offsets), Limits()), Image(len(offsets))
