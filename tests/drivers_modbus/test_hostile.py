@@ -1,70 +1,19 @@
-"""A server that lies, stalls or goes: never a wrong number, always a LinkError or a status, always in time."""
+"""A server that lies: never a wrong number, always a LinkError or a status."""
 
 import asyncio
-import os
-import signal
-import socket
 import struct
-import time
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from softplc.clock import SystemClock
 from softplc.drivers.modbus.config import RtuOverTcpTransport
-from softplc.drivers.modbus.driver import ModbusDriver
 from softplc.drivers.modbus.rtu import RtuFraming
 from softplc.errors import LinkError
 from softplc.sample import StatusCode
 from softplc.tags import Image
-from tests.drivers_modbus.support import GENEROUS, descriptors, opened, read, running_peer, source, tag
-from tests.support.network import eventually, free_port
-
-Reply = Callable[[bytes, asyncio.StreamWriter], Awaitable[None]]
-TAGS = [tag("holding:0", "uint16"), tag("holding:1", "uint16"), tag("coil:0", "bool")]
-SHORT = 1000.0  # ms until silence is a lost link; what is honest must be quicker on a loaded machine
-
-
-def honest(request: bytes) -> bytes:
-    """The right reply to a read: every register 0x0102, every bit on; to a write its echo."""
-    function, _, count = struct.unpack(">BHH", request[7:12])
-    size = {1: (count + 7) // 8, 3: 2 * count}.get(function)
-    if size is None:
-        return request[:4] + b"\x00\x06" + request[6:12]
-    data = b"\xff" * size if function == 1 else b"\x01\x02" * count
-    return request[:4] + struct.pack(">HBBB", 3 + size, request[6], function, size) + data
-
-
-@asynccontextmanager
-async def server(reply: Reply) -> AsyncIterator[int]:
-    """Answers the first requests honestly (those of open), then everything with `reply`; yields the port."""
-    writers = []
-
-    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        writers.append(writer)
-        served = 0
-        while request := await reader.read(300):
-            if served < 2:
-                writer.write(honest(request))
-            else:
-                await reply(request, writer)
-            served += 1
-        writer.close()
-
-    listener = await asyncio.start_server(serve, "127.0.0.1", 0)
-    async with listener:
-        yield listener.sockets[0].getsockname()[1]
-        for writer in writers:
-            writer.close()
-
-
-def answering(make: Callable[[bytes], bytes]) -> Reply:
-    async def reply(request: bytes, writer: asyncio.StreamWriter) -> None:
-        writer.write(make(request))
-
-    return reply
+from tests.drivers_modbus.scripted import REGISTERS, SHORT, TAGS, answering, honest, server
+from tests.drivers_modbus.support import opened, read, source
 
 
 def patched(position: int, value: int) -> Callable[[bytes], bytes]:
@@ -117,7 +66,6 @@ async def test_a_reply_that_does_not_fit_its_request_ends_the_link(wrong):
             await driver.read(image)
 
 
-REGISTERS = TAGS[:2]
 WRONG_REGISTERS = {
     "function code 4": with_pdu(b"\x04\x04\x01\x02\x01\x02"),
     "one register for two": with_pdu(b"\x03\x02\x01\x02"),
@@ -208,119 +156,6 @@ async def test_bytes_that_nobody_asked_for_end_the_link():
             await read(driver, 2)
 
 
-@pytest.mark.parametrize("way", ["reset", "closed"])
-async def test_a_connection_that_goes_wakes_the_reader_at_once(way):
-    async def leave(_: bytes, writer: asyncio.StreamWriter) -> None:
-        if way == "reset":
-            raw = writer.get_extra_info("socket")
-            raw.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-        writer.transport.abort()
-
-    async with server(leave) as port, opened(source(port), TAGS) as driver:
-        begun = time.monotonic()
-        with pytest.raises(LinkError, match=r"connection lost|connection closed by the device"):
-            await read(driver, len(TAGS))
-        assert time.monotonic() - begun < GENEROUS / 1000 / 2  # well before the request's own timeout
-
-
-async def test_a_stopped_server_is_a_lost_link_within_the_timeout():
-    async with running_peer() as peer, opened(source(peer.port, timeout_ms=SHORT), TAGS) as driver:
-        await read(driver, len(TAGS))
-        os.kill(peer.pid, signal.SIGSTOP)
-        try:
-            with pytest.raises(LinkError, match=r"no reply within 1 s"):
-                async with asyncio.timeout(30):
-                    await read(driver, len(TAGS))
-        finally:
-            os.kill(peer.pid, signal.SIGCONT)
-
-
-async def test_a_server_that_never_answered_fails_the_opening():
-    async def silent(_: asyncio.StreamReader, __: asyncio.StreamWriter) -> None:
-        await asyncio.sleep(0)
-
-    async with await asyncio.start_server(silent, "127.0.0.1", 0) as listener:
-        port = listener.sockets[0].getsockname()[1]
-        with pytest.raises(LinkError, match=r"no reply|connection closed"):
-            async with opened(source(port, timeout_ms=SHORT), TAGS):
-                pass
-
-
-async def test_a_port_where_nobody_listens_is_named():
-    port = free_port()
-    with pytest.raises(LinkError, match=rf"127\.0\.0\.1:{port}: cannot connect"):
-        async with opened(source(port), TAGS):
-            pass
-
-
-async def test_a_host_that_does_not_answer_is_given_up_within_the_connect_timeout():
-    with socket.socket() as full:
-        full.bind(("127.0.0.1", 0))
-        full.listen(0)
-        port = full.getsockname()[1]
-        fillers = [socket.socket() for _ in range(4)]  # the backlog is full: further SYNs are dropped
-        for filler in fillers:
-            filler.setblocking(False)
-            filler.connect_ex(("127.0.0.1", port))
-        try:
-            with pytest.raises(LinkError, match=r"no connection within 0\.3 s"):
-                async with opened(source(port, connect_timeout_ms=300.0), TAGS):
-                    pass
-        finally:
-            for filler in fillers:
-                filler.close()
-
-
-async def test_a_reader_that_gave_up_leaves_no_stale_reply_to_the_next_one():
-    pending: list[bytes] = []
-
-    async def late(request: bytes, writer: asyncio.StreamWriter) -> None:
-        pending.append(request)
-        if len(pending) == 1:  # the answer to the first request comes when the second reader waits already
-            await asyncio.sleep(0.05)
-        writer.write(honest(request))
-
-    async with server(late) as port, opened(source(port), REGISTERS) as driver:
-        await read(driver, 2)
-        with pytest.raises(TimeoutError):
-            async with asyncio.timeout(0.01):
-                await read(driver, 2)
-        assert (await read(driver, 2)).values.tolist() == [258.0, 258.0]
-
-    assert [struct.unpack(">H", request[:2])[0] for request in pending] == [3, 4]
-
-
-async def test_a_read_and_a_write_at_once_never_have_two_requests_outstanding():
-    outstanding, most = 0, 0
-
-    async def slow(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        async def answer(request: bytes) -> None:
-            nonlocal outstanding
-            await asyncio.sleep(0.005)  # time enough for a second request to come
-            outstanding -= 1
-            writer.write(honest(request))
-
-        nonlocal outstanding, most
-        async with asyncio.TaskGroup() as tasks:
-            while request := await reader.read(300):
-                outstanding += 1
-                most = max(most, outstanding)
-                tasks.create_task(answer(request))
-        writer.close()
-
-    async with await asyncio.start_server(slow, "127.0.0.1", 0) as listener:
-        port = listener.sockets[0].getsockname()[1]
-        async with opened(source(port), TAGS, TAGS) as driver:
-            images = [Image(len(TAGS)) for _ in range(5)]
-            async with asyncio.TaskGroup() as tasks:
-                for image in images:
-                    tasks.create_task(driver.read(image))
-                    tasks.create_task(driver.write({0: 258.0, 2: 1.0}))
-
-    assert most == 1
-    assert all(image.values.tolist() == [258.0, 258.0, 1.0] for image in images)
-
-
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
@@ -347,25 +182,3 @@ async def test_an_rtu_reply_that_is_spoilt_ends_the_link(spoil, message):
         async with opened(source(1, transport=gateway, timeout_ms=SHORT), TAGS[:1]) as driver:
             with pytest.raises(LinkError, match=message):
                 await read(driver, 1)
-
-
-async def test_twenty_connections_leave_no_tasks_and_no_file_descriptors():
-    async with server(answering(honest)) as port:
-        clock = SystemClock()
-
-        async def cycle(i: int) -> None:
-            driver = ModbusDriver(source(port), TAGS, [], clock)
-            await driver.open()
-            if i % 2:
-                await driver.read(Image(len(TAGS)))
-            await driver.close()
-            await driver.close()
-
-        await cycle(0)
-        await eventually(lambda: len(asyncio.all_tasks()) == 1, what="the server's side of the first cycle is gone")
-        before = descriptors()
-        for i in range(20):
-            await cycle(i)
-        await eventually(lambda: descriptors() == before, what="file descriptors are back")
-        await eventually(lambda: len(asyncio.all_tasks()) == 1, what="no task is left")
-        clock.close()

@@ -7,6 +7,7 @@ the bytes of the reply reach numpy untouched. Serial lines and RTU through a TCP
 """
 
 import asyncio
+import os
 from typing import Protocol
 
 from softplc.clock import Clock
@@ -173,5 +174,14 @@ async def connect(source: ModbusSource, framing: Framing, clock: Clock) -> Clien
     except TimeoutError as error:
         raise LinkError(f"{name}: no connection within {limit:g} s") from error
     except OSError as error:
-        raise LinkError(f"{name}: cannot connect: {error.strerror or error}") from error
+        raise LinkError(f"{name}: cannot connect: {_reason(error)}") from error
+    except UnicodeError as error:  # an empty or too long part of a host name
+        raise LinkError(f"{name}: cannot connect: {transport.host!r} is no host name") from error
     return client
+
+
+def _reason(error: OSError) -> str:
+    """What the system says; asyncio's own text would name host and port once more."""
+    if error.errno is not None and error.errno > 0:  # the resolver's numbers are negative
+        return os.strerror(error.errno)
+    return error.strerror or str(error)
