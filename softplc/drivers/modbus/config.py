@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from softplc.clock import Clock
+from softplc.drivers.modbus.address import Address, parse_address
 from softplc.interfaces import Driver
 from softplc.model import Model, Name
 
@@ -58,7 +59,7 @@ class ModbusSource(Model):
     max_bits: Annotated[int, Field(ge=1, le=2000)] = 2000
     """Most coils or discrete inputs that the device gives in one request."""
     max_gap: Annotated[int, Field(ge=0, le=124)] = 8
-    """Unused registers that may lie between two tags of one request; 0 reads exactly what is declared."""
+    """Unused registers (or bits) that may lie between two tags of one request; 0 reads exactly what is declared."""
     timeout_ms: Annotated[float, Field(ge=10, le=60_000)] = 500.0
     """A request that takes longer means that the link is lost, ms."""
     connect_timeout_ms: Annotated[float, Field(ge=100, le=60_000)] = 4000.0
@@ -86,5 +87,14 @@ class ModbusTag(Model):
     """Engineering value = raw · scale + offset."""
     offset: float = 0.0
 
+    @property
+    def location(self) -> Address:
+        """Table and offset that the address means. Raises ValueError where it means none."""
+        return parse_address(self.address)
+
     def __str__(self) -> str:
-        return f"{self.address} {self.data_type}"
+        """The address in both notations, as far as it is one, and the type."""
+        try:
+            return f"{self.location} {self.data_type}"
+        except ValueError:
+            return f"{self.address} {self.data_type}"

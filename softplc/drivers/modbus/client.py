@@ -1,0 +1,187 @@
+"""A connection to a Modbus device: one request outstanding, every wait has an end, a fault ends the connection.
+
+Modbus TCP is framed here (`tcp.py`) rather than by pymodbus: MBAP is seven bytes, and what the driver needs is what
+pymodbus' client leaves out: a reply is refused unless transaction, unit, function and length are those of the
+request; a lost connection wakes the one who waits at once; nothing is retried or reconnected behind the link's back;
+the bytes of the reply reach numpy untouched. Serial lines and RTU through a TCP gateway are pymodbus' (`rtu.py`).
+"""
+
+import asyncio
+import os
+from typing import Protocol
+
+from softplc.clock import Clock
+from softplc.drivers.modbus.config import ModbusSource, RtuOverTcpTransport, RtuTransport, TcpTransport
+from softplc.drivers.modbus.pdu import ProtocolError
+from softplc.drivers.modbus.tcp import TcpFraming
+from softplc.errors import ConfigError, LinkError
+
+
+class Framing(Protocol):
+    """How PDUs become bytes on one kind of connection and back; see TcpFraming, RtuFraming."""
+
+    @property
+    def pause(self) -> float:
+        """Seconds of silence between what came last and the next request."""
+        ...
+
+    @property
+    def drops_unasked(self) -> bool:
+        """True when bytes that nobody asked for are noise, false when they are a fault."""
+        ...
+
+    def frame(self, pdu: bytes) -> bytes:
+        """The bytes of a request."""
+        ...
+
+    def feed(self, data: bytes) -> bytes | None:
+        """The reply's PDU when these bytes complete it. Raises ProtocolError."""
+        ...
+
+
+class Client(asyncio.Protocol):
+    """One open connection. After the first fault every request raises LinkError with that fault's text.
+
+    `name` is the device's endpoint as a person knows it, `heard` the monotonic time at which the last bytes came.
+    """
+
+    def __init__(self, framing: Framing, name: str, timeout: float, clock: Clock) -> None:
+        self.name = name
+        self._framing, self._timeout, self._clock = framing, timeout, clock
+        self._loop = asyncio.get_running_loop()
+        self._transport: asyncio.Transport | None = None
+        self._turn = asyncio.Lock()  # held from a request's sending until its reply, whoever still waits for it
+        self._reply: asyncio.Future[bytes] | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self.heard = float("-inf")
+        self._fault: str | None = None
+
+    async def request(self, pdu: bytes) -> bytes:
+        """Send a request PDU and return the reply PDU. Raises LinkError."""
+        await self._turn.acquire()
+        try:
+            reply = await self._send(pdu)
+        except BaseException:
+            self._turn.release()
+            raise
+        return await reply
+
+    async def close(self) -> None:
+        """Let go of the socket or port."""
+        self._fail("closed")
+        await asyncio.sleep(0)  # the transport closes its socket in the loop's next turn
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """asyncio: the connection is there."""
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        """asyncio: bytes came."""
+        self.heard = self._clock.monotonic()
+        if self._reply is None:
+            if not self._framing.drops_unasked:
+                self._fail(f"{len(data)} bytes came, nothing was asked for")
+            return
+        try:
+            pdu = self._framing.feed(data)
+        except ProtocolError as error:
+            self._fail(str(error))
+            return
+        if pdu is not None:
+            reply = self._finish()
+            if reply is not None:
+                reply.set_result(pdu)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """asyncio: the connection is gone."""
+        self._fail(f"connection lost: {exc}" if exc else "connection closed by the device")
+
+    async def _send(self, pdu: bytes) -> asyncio.Future[bytes]:
+        ready = self.heard + self._framing.pause
+        if self._framing.pause and self._clock.monotonic() < ready:
+            await self._clock.sleep_until(ready)
+        if self._fault is not None or self._transport is None:
+            raise LinkError(self._fault or f"{self.name}: not connected")
+        reply: asyncio.Future[bytes] = self._loop.create_future()
+        self._reply = reply
+        self._timer = self._loop.call_later(self._timeout, self._fail, f"no reply within {self._timeout:g} s")
+        self._transport.write(self._framing.frame(pdu))
+        return reply
+
+    def _fail(self, reason: str) -> None:
+        """The first fault is the connection's end: the one who waits is told, and the transport goes at once."""
+        if self._fault is not None:
+            return
+        self._fault = f"{self.name}: {reason}"
+        reply = self._finish()
+        if reply is not None:
+            reply.set_exception(LinkError(self._fault))
+        if self._transport is not None:
+            self._transport.abort()
+
+    def _finish(self) -> asyncio.Future[bytes] | None:
+        """The outstanding request is over; its future, if someone still waits for it."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        reply, self._reply = self._reply, None
+        if reply is None:
+            return None
+        self._turn.release()
+        return None if reply.done() else reply
+
+
+def framing_of(source: ModbusSource) -> Framing:
+    """The frames of a source's transport; imports pymodbus where it is needed.
+
+    Raises ConfigError for unit 0 on a serial line.
+    """
+    if source.unit_id == 0 and not isinstance(source.transport, TcpTransport):
+        raise ConfigError(
+            f"source {source.name}: unit_id 0 is the broadcast of a serial line, nobody answers it; expected 1 to 247"
+        )
+    match source.transport:
+        case TcpTransport():
+            return TcpFraming(source.unit_id)
+        case RtuOverTcpTransport():
+            from softplc.drivers.modbus.rtu import RtuFraming  # noqa: PLC0415  pymodbus, only for RTU
+
+            return RtuFraming(source.unit_id)
+        case RtuTransport(baudrate=baudrate):
+            from softplc.drivers.modbus.rtu import RtuFraming, silence  # noqa: PLC0415
+
+            return RtuFraming(source.unit_id, silence(baudrate))
+
+
+async def connect(source: ModbusSource, framing: Framing, clock: Clock) -> Client:
+    """A connection to the source's device. Raises LinkError when there is none within its connect_timeout."""
+    transport = source.transport
+    timeout = source.timeout_ms / 1000.0
+    if isinstance(transport, RtuTransport):
+        from softplc.drivers.modbus.rtu import open_serial  # noqa: PLC0415
+
+        client = Client(framing, transport.device, timeout, clock)
+        client.connection_made(open_serial(transport, client))
+        return client
+    name = f"{transport.host}:{transport.port}"
+    limit = source.connect_timeout_ms / 1000.0
+    client = Client(framing, name, timeout, clock)
+    loop = asyncio.get_running_loop()
+    try:
+        async with asyncio.timeout(limit):
+            await loop.create_connection(lambda: client, transport.host, transport.port)
+    except TimeoutError as error:
+        raise LinkError(f"{name}: no connection within {limit:g} s") from error
+    except OSError as error:
+        raise LinkError(f"{name}: cannot connect: {_reason(error)}") from error
+    except UnicodeError as error:  # an empty or too long part of a host name
+        raise LinkError(f"{name}: cannot connect: {transport.host!r} is no host name") from error
+    return client
+
+
+def _reason(error: OSError) -> str:
+    """What the system says; asyncio's own text would name host and port once more."""
+    if error.errno is not None and error.errno > 0:  # the resolver's numbers are negative
+        return os.strerror(error.errno)
+    return error.strerror or str(error)
