@@ -22,7 +22,7 @@ from softplc.exchange import size
 
 _RESTARTS = 5  # of one process within the window; one more and the supervisor gives up
 _WINDOW = 60.0
-_STOP_LIMIT = 0.8  # seconds for each process to end by itself
+_STOP_LIMIT = 0.9  # seconds for the scan process, and then for the others, to end by themselves
 
 log = structlog.get_logger(__name__)
 _spawn = multiprocessing.get_context("spawn")
@@ -103,17 +103,24 @@ class Child:
 Endpoints = list[tuple[str, str]]
 
 
-async def supervise(config: Config, on_ready: Callable[[Endpoints], None], stop: asyncio.Event) -> int:
+async def supervise(
+    config: Config, on_ready: Callable[[Endpoints], None], stop: asyncio.Event, companion: Child | None = None
+) -> int:
     """Run softplc until `stop`; returns the exit code. `on_ready` gets the endpoints once all servers listen.
 
-    A process that dies is started anew while the other goes on; after more than five deaths within a minute
-    everything stops with exit code 1. Raises SoftplcError when a process cannot start at all.
+    A process that dies is started anew while the others go on; after more than five deaths of one within a minute
+    everything stops with exit code 1. A `companion` (the demo's emulated PLC) is ready
+    before the scans start, and watched and ended along.
+    Raises SoftplcError when a process cannot start at all.
     """
-    children = _children(config)
+    scan, *others = children = _children(config) + ([companion] if companion is not None else [])
     clock = SystemClock()
     try:
-        for child in children:
+        for child in others:
             child.start(clock.monotonic())
+        if companion is not None:
+            await _await_ready([companion], stop)
+        scan.start(clock.monotonic())
         endpoints = await _await_ready(children, stop)
         if not stop.is_set():
             on_ready(endpoints)
@@ -121,8 +128,8 @@ async def supervise(config: Config, on_ready: Callable[[Endpoints], None], stop:
         return await _watch(children, clock, stop)
     finally:
         notify("STOPPING=1")
-        for child in children:
-            await child.stop()
+        await scan.stop()  # first the scans, so that the last one is whole and nobody reads a vanishing source
+        await asyncio.gather(*(child.stop() for child in others))
         clock.close()
 
 
@@ -144,20 +151,24 @@ async def _await_ready(children: list[Child], stop: asyncio.Event) -> Endpoints:
             await asyncio.wait([child.ready, stopped], return_when=asyncio.FIRST_COMPLETED)
             if stop.is_set():
                 return []
-            endpoints += _endpoints_of(child, child.ready.result())
+            message = _succeeded(child)
+            if child.name == "gateway":
+                endpoints += message
     finally:
         stopped.cancel()
     return endpoints
 
 
-def _endpoints_of(child: Child, message: Any) -> Endpoints:
+def _succeeded(child: Child) -> Any:
+    """What the child said when it was ready. Raises SoftplcError with its exit code when it failed or ended."""
+    message = child.ready.result() if child.ready is not None else None
     if message is None:
         raise SoftplcError(f"the {child.name} process ended while it started; its log says why")
     if message[0] == "failed":
-        error = SoftplcError(message[2])
-        error.exit_code = message[1]
+        error = SoftplcError(str(message[-1]))
+        error.exit_code = message[1] if isinstance(message[1], int) else SoftplcError.exit_code
         raise error
-    return list(message[1])
+    return message[1]
 
 
 async def _watch(children: list[Child], clock: SystemClock, stop: asyncio.Event) -> int:
@@ -181,6 +192,20 @@ async def _watch(children: list[Child], clock: SystemClock, stop: asyncio.Event)
         for task in (stopped, *ended):
             task.cancel()
         await asyncio.gather(stopped, *ended, return_exceptions=True)
+
+
+async def run_alone(child: Child, on_ready: Callable[[Endpoints], None], stop: asyncio.Event) -> int:
+    """Run one process until `stop`; its ready message is a mapping of endpoints. Its own end is an error."""
+    clock = SystemClock()
+    try:
+        child.start(clock.monotonic())
+        await _await_ready([child], stop)
+        if not stop.is_set():
+            on_ready(list(_succeeded(child).items()))
+        return await _watch([child], clock, stop)
+    finally:
+        await child.stop()
+        clock.close()
 
 
 def check_ports(config: Config) -> None:
