@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from softplc.clock import Clock
+from softplc.drivers.opcua.node import parse_address
 from softplc.interfaces import Driver
 from softplc.model import Model, Name, Secret
 
@@ -54,6 +55,13 @@ class OpcUaSource(Model):
     user: OpcUaUser | None = None
     security: OpcUaSecurity | None = None
 
+    @field_validator("url")
+    @classmethod
+    def _has_no_secret(cls, url: str) -> str:
+        if "@" in url:
+            raise ValueError("the address holds a user name or password; expected them under user:")
+        return url
+
     def build(
         self, readings: Sequence["OpcUaTag"], writings: Sequence["OpcUaTag"], clock: Clock, period: float
     ) -> Driver:
@@ -70,7 +78,13 @@ class OpcUaTag(Model):
     node: str
     """Node id `ns=2;s=Axis.Position` or `nsu=urn:plc;s=…`, or browse path `/Objects/2:Axis/2:Position`."""
     index: Annotated[int, Field(ge=0)] | None = None
-    """Element of an array variable, from 0."""
+    """Element of an array variable, from 0; row by row where it has several dimensions."""
+
+    @field_validator("node")
+    @classmethod
+    def _is_an_address(cls, node: str) -> str:
+        parse_address(node)
+        return node
 
     def __str__(self) -> str:
         return self.node if self.index is None else f"{self.node}[{self.index}]"

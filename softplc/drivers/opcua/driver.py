@@ -1,0 +1,275 @@
+"""Reads and writes the variables of one OPC-UA server: one batched Read for each scan, or a subscription.
+
+`mode: poll` asks for all variables in every `read`, so its values and statuses are of this scan.
+`mode: subscribe` keeps an image of the newest values that the server reported; `read` copies it without waiting,
+and raises LinkError when the server gave no sign of life within `stale_after_ms`.
+
+The driver does not reconnect: whatever is wrong with the connection is a LinkError, and the next connection is a
+new driver. Of one tag's trouble the connection takes no notice: the tag is Bad and is looked for again every
+REBIND seconds, for a PLC's server may be up before its program is.
+"""
+
+import asyncio
+import contextlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from asyncua import ua
+
+from softplc.clock import Clock
+from softplc.drivers.opcua.binding import Binding, bind, group, read_value
+from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
+from softplc.drivers.opcua.credentials import Credentials
+from softplc.drivers.opcua.node import NodeIdAddress
+from softplc.drivers.opcua.session import Session, batches, within
+from softplc.drivers.opcua.subscription import Subscription
+from softplc.drivers.opcua.values import decode, encode, status_of
+from softplc.errors import LinkError
+from softplc.sample import StatusCode, is_bad
+from softplc.tags import Image
+
+REBIND: Final = 5.0
+"""Seconds between two attempts to bind the tags that have a problem, and between two looks at the channel's age."""
+SHORTEST_SESSION: Final = 30.0
+"""Seconds without a request after which the server may drop the session: short, so that no dead one fills it up."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Batch:
+    """One Read request of a poll."""
+
+    nodes: tuple[ua.ReadValueId, ...]
+    bindings: tuple[Binding, ...]
+
+
+class OpcUaDriver:
+    """One connection to an OPC-UA server, after the Driver contract; `period` in seconds.
+
+    Raises ConfigError when a secret or a certificate is not where the configuration says.
+    """
+
+    def __init__(
+        self,
+        config: OpcUaSource,
+        readings: Sequence[OpcUaTag],
+        writings: Sequence[OpcUaTag],
+        clock: Clock,
+        period: float,
+    ) -> None:
+        self._config = config
+        self._clock = clock
+        self._period = period
+        self._readings = group(readings)
+        self._writings = [group([tag])[0] for tag in writings]
+        self._indices = [tag.index for tag in writings]
+        self._session = Session(
+            config.url,
+            Credentials.load(config.user, config.security),
+            clock,
+            config.timeout_ms / 1000.0,
+            max(SHORTEST_SESSION, 4.0 * period),
+        )
+        self._plan: list[_Batch] = []
+        self._subscription: Subscription | None = None
+        self._latest = Image(len(readings))
+        self._awaited: set[int] = set()
+        self._fault: LinkError | None = None
+        self._chores: asyncio.Task[None] | None = None
+        self._chores_at = clock.monotonic() + REBIND
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What is wrong with single tags: what was found, what would be right. Changes while connected."""
+        return tuple(binding.problem for binding in (*self._readings, *self._writings) if binding.problem)
+
+    @property
+    def skipped(self) -> int:
+        """Samples that a newer one superseded before a scan could take them (subscribe only)."""
+        return 0 if self._subscription is None else self._subscription.skipped
+
+    async def open(self) -> None:
+        """Connect, resolve every tag and check its type; a subscription waits for its first values.
+
+        Raises LinkError, at the latest after `connect_timeout_ms`.
+        """
+        seconds = self._config.connect_timeout_ms / 1000.0
+        try:
+            await within(seconds, self._open(seconds), f"cannot connect to {self._session.url}")
+        except BaseException:
+            await self.close()
+            raise
+
+    async def read(self, into: Image) -> None:
+        """Fill `into` with the newest samples. Raises LinkError when the connection is of no more use."""
+        self._look_after()
+        if self._subscription is not None:
+            self._subscription.check()
+            _copy(self._latest, into)
+            return
+        for batch in self._plan:
+            values = await self._session.read(batch.nodes)
+            arrival, now = self._clock.monotonic(), self._clock.utc_ns()
+            for binding, data in zip(batch.bindings, values, strict=True):
+                _put(binding, data, into, arrival, now)
+        for binding in self._readings:
+            if binding.node is None:
+                into.fail(binding.status, (position for position, _ in binding.uses))
+
+    async def write(self, values: Mapping[int, float]) -> dict[int, int]:
+        """Write numbers as each variable's own type; one that does not fit it is not sent and BadOutOfRange.
+
+        Returns the raw StatusCode of each. Raises LinkError when the connection is of no more use.
+        """
+        self._look_after()
+        statuses: dict[int, int] = {}
+        requests: list[tuple[int, ua.WriteValue]] = []
+        for position, value in values.items():
+            binding = self._writings[position]
+            if binding.node is None or binding.variant_type is None or is_bad(binding.status):
+                statuses[position] = binding.status if is_bad(binding.status) else StatusCode.BAD_TYPE_MISMATCH
+                continue
+            request = _write_value(binding, self._indices[position], value)
+            if request is None:
+                statuses[position] = StatusCode.BAD_OUT_OF_RANGE
+            else:
+                requests.append((position, request))
+        for some in batches(requests, self._session.limits.write):
+            results = await self._session.write([request for _, request in some])
+            for (position, _), result in zip(some, results, strict=True):
+                statuses[position] = int(result.value)
+                self._writings[position].note(statuses[position])
+        return statuses
+
+    async def close(self) -> None:
+        """Let go at once and without raising; what the server is told goes on in the background for a second."""
+        if self._chores is not None:
+            self._chores.cancel()
+        if self._subscription is not None:
+            self._subscription.close()
+        self._session.close()
+
+    async def _open(self, connect_timeout: float) -> None:
+        deadline = self._clock.monotonic() + connect_timeout
+        await self._session.open(connect_timeout)
+        await bind(self._session, self._readings)
+        await bind(self._session, self._writings)
+        if self._config.mode == "subscribe":
+            await self._subscribe()
+            await self._await_first_values(deadline)
+        else:
+            self._plan = self._make_plan()
+
+    def _make_plan(self) -> list[_Batch]:
+        """Every resolved variable, those with a problem too: its status is the server's, and its end is seen."""
+        found = [binding for binding in self._readings if binding.node is not None] or [_server_time()]
+        return [
+            _Batch(tuple(read_value(binding.node) for binding in some), tuple(some))
+            for some in batches(found, self._session.limits.read)
+        ]
+
+    async def _subscribe(self) -> None:
+        config = self._config
+        publishing = self._period if config.publishing_ms is None else config.publishing_ms / 1000.0
+        stale_after = config.stale_after_ms / 1000.0
+        self._subscription = Subscription(self._session, self._clock, publishing, stale_after, self._take)
+        await self._subscription.open()
+        await self._monitor(self._readings)
+
+    async def _monitor(self, bindings: Sequence[Binding]) -> None:
+        """Have these reported where they exist; the others show why they are not."""
+        assert self._subscription is not None
+        sampling = self._period if self._config.sampling_ms is None else self._config.sampling_ms / 1000.0
+        ready = [binding for binding in bindings if binding.node is not None and not is_bad(binding.status)]
+        handles = [self._readings.index(binding) for binding in ready]
+        self._awaited |= set(handles)
+        await self._subscription.monitor(ready, handles, sampling, self._config.queue_size)
+        for binding in bindings:
+            if not binding.monitored:
+                self._awaited.discard(self._readings.index(binding))
+                self._latest.fail(binding.status, (position for position, _ in binding.uses))
+
+    async def _await_first_values(self, deadline: float) -> None:
+        """Give the subscription time to prove itself with data; what does not come stays BadWaitingForInitialData."""
+        assert self._subscription is not None
+        seconds = 2.0 * self._subscription.publishing + self._config.timeout_ms / 1000.0
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(min(seconds, 0.5 * (deadline - self._clock.monotonic()))):
+                while self._awaited and self._subscription.fault is None:
+                    await self._subscription.news.wait()
+                    self._subscription.news.clear()
+        self._subscription.check()
+
+    def _take(self, handle: int, data: ua.DataValue, arrival: float) -> None:
+        self._awaited.discard(handle)
+        _put(self._readings[handle], data, self._latest, arrival, self._clock.utc_ns())
+
+    def _look_after(self) -> None:
+        """Start the chores when they are due; raise what they found wrong with the connection."""
+        if self._fault is not None:
+            raise self._fault
+        now = self._clock.monotonic()
+        due = now >= self._chores_at or self._session.renewal_due
+        if due and (self._chores is None or self._chores.done()):
+            self._chores_at = now + REBIND
+            self._chores = asyncio.get_running_loop().create_task(self._do_chores(), name="opcua chores")
+
+    async def _do_chores(self) -> None:
+        try:
+            if self._session.renewal_due:
+                await self._session.renew()
+            await self._rebind()
+        except LinkError as error:
+            self._fault = error
+
+    async def _rebind(self) -> None:
+        lost = [binding for binding in self._readings if binding.problem]
+        unwritable = [binding for binding in self._writings if binding.problem]
+        if not lost and not unwritable:
+            return
+        await self._session.refresh_namespaces()
+        await bind(self._session, lost)
+        await bind(self._session, unwritable)
+        if self._subscription is None:
+            self._plan = self._make_plan()
+        else:
+            await self._monitor([binding for binding in lost if not binding.monitored])
+
+
+def _server_time() -> Binding:
+    """What is read where there is no tag to read: the server has to prove that it lives."""
+    address = NodeIdAddress(0, int(ua.ObjectIds.Server_ServerStatus_CurrentTime))
+    return Binding(address, [], ua.NodeId(address.identifier), StatusCode.GOOD, "")
+
+
+def _put(binding: Binding, data: ua.DataValue, into: Image, arrival: float, now: int) -> None:
+    for position, index in binding.uses:
+        value, status, stamp = decode(data, index)
+        into.values[position] = value
+        into.statuses[position] = status
+        into.source_timestamps[position] = now if stamp is None else stamp
+        into.arrivals[position] = arrival
+    binding.note(status_of(data))
+
+
+def _copy(source: Image, into: Image) -> None:
+    into.values[:] = source.values
+    into.statuses[:] = source.statuses
+    into.source_timestamps[:] = source.source_timestamps
+    into.arrivals[:] = source.arrivals
+
+
+def _write_value(binding: Binding, index: int | None, value: float) -> ua.WriteValue | None:
+    """The request for one value, without status and timestamps, which many PLCs refuse; None when it does not fit."""
+    assert binding.variant_type is not None
+    variant = encode(value, binding.variant_type)
+    if variant is None:
+        return None
+    if index is not None:
+        variant = ua.Variant([variant.Value], binding.variant_type, is_array=True)
+    return ua.WriteValue(
+        NodeId=binding.node,
+        AttributeId=ua.AttributeIds.Value,
+        IndexRange=None if index is None else str(index),
+        Value=ua.DataValue(variant, StatusCode=None),
+    )

@@ -1,0 +1,249 @@
+"""One session with one server, from the socket to the activated session and back; opened once, closed once.
+
+The library gives codec, channel and security. What it does with time and trouble is ours, because as it comes it
+waits for ever, loops, or goes on as if nothing had happened: the steps of connecting are called one by one under
+one deadline, no task of the library's own is started, every request has a timeout, and whatever goes wrong is a
+LinkError that says what.
+"""
+
+import asyncio
+import contextlib
+from collections.abc import Coroutine, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, TypeVar
+from urllib.parse import urlsplit
+
+from asyncua import ua
+
+from softplc.clock import Clock
+from softplc.drivers.opcua.credentials import APPLICATION_NAME, PRODUCT_URI, Credentials
+from softplc.drivers.opcua.transport import Transport, make_client
+from softplc.errors import LinkError
+
+DEFAULT_PORT: Final = 4840
+RENEW_AT: Final = 0.75
+"""Part of a secure channel's lifetime after which its token is renewed (OPC 10000-4, 5.6.2.1)."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """The most operations that go into one request: the server's limits (OPC 10000-5, 6.3.11), or ours if less."""
+
+    read: int = 1000
+    write: int = 1000
+    browse: int = 100
+    translate: int = 100
+    monitor: int = 1000
+
+
+_MOST_READ: Final = ua.ObjectIds.Server_ServerCapabilities_OperationLimits_MaxNodesPerRead
+_LIMITS: Final = (
+    ua.ObjectIds.Server_ServerCapabilities_OperationLimits_MaxNodesPerWrite,
+    ua.ObjectIds.Server_ServerCapabilities_OperationLimits_MaxNodesPerBrowse,
+    ua.ObjectIds.Server_ServerCapabilities_OperationLimits_MaxNodesPerTranslateBrowsePathsToNodeIds,
+    ua.ObjectIds.Server_ServerCapabilities_OperationLimits_MaxMonitoredItemsPerCall,
+)
+
+
+class Session:
+    """A session with the server at `url`; times in seconds. `namespaces` and `limits` are known once it is open."""
+
+    def __init__(
+        self, url: str, credentials: Credentials, clock: Clock, timeout: float, session_timeout: float
+    ) -> None:
+        self.url = url if urlsplit(url).port else f"{url.rstrip('/')}:{DEFAULT_PORT}"
+        self.namespaces: list[str] = []
+        self.limits = Limits()
+        self._clock = clock
+        self._timeout = timeout
+        self._credentials = credentials
+        self._closed = False
+        self._renew_at = float("inf")
+        self._client = make_client(self.url, timeout)
+        self._client.name = self._client.description = APPLICATION_NAME
+        self._client.application_uri = credentials.application_uri
+        self._client.product_uri = PRODUCT_URI
+        self._client.session_timeout = session_timeout * 1000.0
+        self._transport: Transport = self._client.uaclient
+
+    async def open(self, connect_timeout: float) -> None:
+        """Connect, log in, learn namespaces and limits; each step within `connect_timeout`. Raises LinkError."""
+        client = self._client
+        self._transport.set_timeout(connect_timeout)
+        with link_errors(f"cannot connect to {self.url}"), self._no_endpoint():
+            if self._credentials.certificates is not None:
+                await self._credentials.certificates.apply(client)
+            await client.connect_socket()
+            await self._transport.greet(self.url)
+            await client.open_secure_channel()
+            self._schedule_renewal()
+            await client.create_session()
+            await client.activate_session(username=self._credentials.user, password=self._credentials.password)
+        self._transport.set_timeout(self._timeout)
+        await self._learn()
+        if self._closed:  # given up meanwhile, while something did not let itself be cancelled
+            self._transport.farewell()
+
+    async def read(self, nodes: Sequence[ua.ReadValueId]) -> list[ua.DataValue]:
+        """One Read of attributes with source timestamps, fresh from the device. Raises LinkError."""
+        parameters = ua.ReadParameters(
+            MaxAge=0.0, TimestampsToReturn=ua.TimestampsToReturn.Source, NodesToRead=list(nodes)
+        )
+        return await self._list("Read", self._transport.session.read(parameters), len(nodes))
+
+    async def write(self, values: Sequence[ua.WriteValue]) -> list[ua.StatusCode]:
+        """One Write; a status for each value. Raises LinkError."""
+        parameters = ua.WriteParameters(NodesToWrite=list(values))
+        return await self._list("Write", self._transport.session.write(parameters), len(values))
+
+    async def translate(self, paths: Sequence[ua.BrowsePath]) -> list[ua.BrowsePathResult]:
+        """One TranslateBrowsePathsToNodeIds. Raises LinkError."""
+        service = self._transport.session.translate_browsepaths_to_nodeids(list(paths))
+        return await self._list("TranslateBrowsePathsToNodeIds", service, len(paths))
+
+    async def browse(self, nodes: Sequence[ua.BrowseDescription], references: int) -> list[ua.BrowseResult]:
+        """One Browse with at most so many references for each node. Raises LinkError."""
+        parameters = ua.BrowseParameters(RequestedMaxReferencesPerNode=references, NodesToBrowse=list(nodes))
+        return await self._list("Browse", self._transport.session.browse(parameters), len(nodes))
+
+    async def browse_next(self, points: Sequence[bytes]) -> list[ua.BrowseResult]:
+        """One BrowseNext for continuation points. Raises LinkError."""
+        parameters = ua.BrowseNextParameters(ReleaseContinuationPoints=False, ContinuationPoints=list(points))
+        return await self._list("BrowseNext", self._transport.session.browse_next(parameters), len(points))
+
+    async def create_subscription(self, parameters: ua.CreateSubscriptionParameters) -> ua.CreateSubscriptionResult:
+        """CreateSubscription without the library's own publish loop. Raises LinkError."""
+        request = ua.CreateSubscriptionRequest(Parameters=parameters)
+        service = self._transport.request(request, ua.CreateSubscriptionResponse)
+        return (await self._call("CreateSubscription", service)).Parameters
+
+    async def modify_subscription(self, parameters: ua.ModifySubscriptionParameters) -> ua.ModifySubscriptionResult:
+        """ModifySubscription. Raises LinkError."""
+        return await self._call("ModifySubscription", self._transport.session.update_subscription(parameters))
+
+    async def create_monitored_items(
+        self, parameters: ua.CreateMonitoredItemsParameters
+    ) -> list[ua.MonitoredItemCreateResult]:
+        """One CreateMonitoredItems; a result with its status for each item. Raises LinkError."""
+        service = self._transport.session.create_monitored_items(parameters)
+        return await self._list("CreateMonitoredItems", service, len(parameters.ItemsToCreate))
+
+    async def publish(self, acknowledgements: list[ua.SubscriptionAcknowledgement]) -> ua.PublishResponse:
+        """Wait for the next notification or keep-alive, without timeout. Raises LinkError."""
+        return await self._call("Publish", self._transport.session.publish(acknowledgements))
+
+    @property
+    def renewal_due(self) -> bool:
+        """True when the channel's token has reached the age to be renewed."""
+        return self._clock.monotonic() >= self._renew_at
+
+    async def renew(self) -> None:
+        """Renew the channel's token. Raises LinkError."""
+        await self._call("OpenSecureChannel", self._client.open_secure_channel(renew=True))
+        self._transport.revolve_security_token()
+        self._schedule_renewal()
+
+    async def refresh_namespaces(self) -> None:
+        """Learn the NamespaceArray anew. Raises LinkError."""
+        (data,) = await self.read([_value(ua.ObjectIds.Server_NamespaceArray)])
+        self._take_namespaces(data)
+
+    def close(self) -> None:
+        """Let go at once; the socket is gone within a second, whatever the server does."""
+        if not self._closed:
+            self._closed = True
+            self._transport.farewell()
+
+    async def _learn(self) -> None:
+        """How much goes into one Read, and with that all else."""
+        (most,) = await self.read([_value(_MOST_READ)])
+        at_once = _smaller(self.limits.read, most)
+        told: list[ua.DataValue] = []
+        for some in batches((*_LIMITS, ua.ObjectIds.Server_NamespaceArray), at_once):
+            told += await self.read([_value(node) for node in some])
+        ours = (self.limits.write, self.limits.browse, self.limits.translate, self.limits.monitor)
+        self.limits = Limits(at_once, *(_smaller(own, data) for own, data in zip(ours, told, strict=False)))
+        self._take_namespaces(told[-1])
+
+    def _take_namespaces(self, data: ua.DataValue) -> None:
+        uris = data.Value.Value if data.Value is not None else None
+        if not isinstance(uris, list) or not uris:
+            raise LinkError(f"{self.url}: the server gives no NamespaceArray; expected the list of its namespaces")
+        self.namespaces = [str(uri) for uri in uris]
+
+    def _schedule_renewal(self) -> None:
+        self._renew_at = self._clock.monotonic() + RENEW_AT * self._client.secure_channel_timeout / 1000.0
+
+    async def _call(self, service: str, call: Coroutine[Any, Any, Any]) -> Any:
+        with link_errors(f"{self.url}: {service}"):
+            return await call
+
+    async def _list(self, service: str, call: Coroutine[Any, Any, list[T]], expected: int) -> list[T]:
+        results: list[T] = await self._call(service, call)
+        if len(results) != expected:
+            raise LinkError(f"{self.url}: {service} was answered with {len(results)} results; expected {expected}")
+        return results
+
+    @contextlib.contextmanager
+    def _no_endpoint(self) -> Iterator[None]:
+        try:
+            yield
+        except ua.UaError as error:
+            if "No matching endpoints" not in str(error):
+                raise
+            ours = self._credentials.certificates
+            wanted = "SecurityPolicy None" if ours is None else f"{ours.policy} and {ours.mode}"
+            raise LinkError(
+                f"{self.url}: the server has no endpoint with {wanted}; expected, under security:, one that it has"
+            ) from error
+
+
+async def within(seconds: float, work: Coroutine[Any, Any, T], what: str) -> T:
+    """The work's result, or LinkError after so many seconds, even when the work does not let itself be cancelled."""
+    task = asyncio.ensure_future(work)
+    try:
+        done, _ = await asyncio.wait({task}, timeout=seconds)
+    except asyncio.CancelledError:
+        task.cancel()
+        raise
+    if done:
+        return task.result()
+    task.cancel()
+    task.add_done_callback(lambda late: late.cancelled() or late.exception())
+    raise LinkError(f"{what}: no answer within {seconds:g} s")
+
+
+@contextlib.contextmanager
+def link_errors(what: str) -> Iterator[None]:
+    """The edge where the library's errors become LinkErrors; on an answer that is garbage it raises anything."""
+    try:
+        yield
+    except LinkError:
+        raise
+    except TimeoutError as error:
+        raise LinkError(f"{what}: no answer in time") from error
+    except ua.UaStatusCodeError as error:
+        status = ua.StatusCode(error.code)
+        raise LinkError(f"{what}: the server says {status.name}: {status.doc}") from error
+    except OSError as error:
+        raise LinkError(f"{what}: {error.strerror or error}") from error
+    except Exception as error:
+        raise LinkError(f"{what}: {type(error).__name__}: {error}") from error
+
+
+def batches(items: Sequence[T], size: int) -> Iterator[Sequence[T]]:
+    """The items in runs of at most `size`."""
+    for start in range(0, len(items), size):
+        yield items[start : start + size]
+
+
+def _value(node: int) -> ua.ReadValueId:
+    return ua.ReadValueId(NodeId=ua.NodeId(node), AttributeId=ua.AttributeIds.Value)
+
+
+def _smaller(own: int, told: ua.DataValue) -> int:
+    """Our own limit or the server's, where it tells one; 0 and an absent node mean that it has none."""
+    value = told.Value.Value if told.Value is not None else None
+    return min(own, value) if isinstance(value, int) and value > 0 else own

@@ -1,0 +1,1 @@
+"""The OPC-UA source: addresses, values, and the driver against real servers."""

@@ -1,0 +1,138 @@
+"""A subscription is believed as long as it proves itself by keep-alive, number and state; the newest value counts."""
+
+import asyncio
+import time
+from typing import Any
+
+import pytest
+from asyncua import ua
+
+from softplc.drivers.opcua.driver import OpcUaDriver
+from softplc.errors import LinkError
+from softplc.tags import Image
+from tests.drivers_opcua.opened import make_driver, opened, read, read_until
+from tests.drivers_opcua.servers import AsyncuaPlc, NodePlc
+
+AXIS = "ns=2;s=PLC.Axis"
+
+
+async def link_error(driver: OpcUaDriver, count: int = 1) -> LinkError:
+    image = Image(count)
+    async with asyncio.timeout(20.0):
+        while True:
+            try:
+                await driver.read(image)
+            except LinkError as error:
+                return error
+            await asyncio.sleep(0.01)
+
+
+def at_the_server(plc: AsyncuaPlc) -> Any:
+    """The server's own object of the one subscription that it has."""
+    (subscription,) = plc.server.iserver.subscription_service.subscriptions.values()
+    return subscription
+
+
+def moving(plc: AsyncuaPlc, value: float) -> None:
+    plc.write("Moving", ua.DataValue(ua.Variant(value, ua.VariantType.Double)))
+
+
+@pytest.fixture(params=["node-opcua", "asyncua"])
+def held(request: pytest.FixtureRequest) -> tuple[str, str]:
+    """URL and tag of a value that does not change, at two servers."""
+    if request.param == "node-opcua":
+        return request.getfixturevalue("plc").url, f"{AXIS}.Float"
+    server: AsyncuaPlc = request.getfixturevalue("asyncua_plc")
+    return server.url, f"ns={server.index};s=Plain"
+
+
+async def test_a_value_that_never_changes_stays_good_on_keep_alives_alone(held: tuple[str, str]):
+    url, tag = held
+    async with opened(url, [tag], mode="subscribe", stale_after_ms=900.0) as driver:
+        image = await read(driver, 1)
+        arrival = image.arrivals[0]
+        until = time.monotonic() + 2.5  # nearly three times the limit
+        while time.monotonic() < until:
+            await driver.read(image)
+            await asyncio.sleep(0.05)
+
+        assert image.statuses[0] == 0
+        assert image.arrivals[0] == arrival  # no new evidence, and none is made up
+
+
+async def test_a_subscription_that_fell_silent_on_a_living_server_is_noticed(asyncua_plc: AsyncuaPlc):
+    tag = f"ns={asyncua_plc.index};s=Plain"
+    async with opened(asyncua_plc.url, [tag], mode="subscribe", stale_after_ms=600.0) as driver:
+        await read(driver, 1)
+        asyncua_plc.loop.call_soon_threadsafe(at_the_server(asyncua_plc)._task.cancel)
+
+        assert "no notification and no keep-alive" in str(await link_error(driver))
+        async with opened(asyncua_plc.url, [tag]) as another:
+            assert (await read(another, 1)).values[0] == 1.5
+
+
+async def test_a_lost_notification_is_noticed(asyncua_plc: AsyncuaPlc):
+    async with opened(asyncua_plc.url, [f"ns={asyncua_plc.index};s=Moving"], mode="subscribe") as driver:
+        image = await read(driver, 1)
+        moving(asyncua_plc, 1.0)
+        await read_until(driver, image, lambda: image.values[0] == 1.0)
+        at_the_server(asyncua_plc)._notification_seq += 1
+        moving(asyncua_plc, 2.0)
+
+        assert "is missing" in str(await link_error(driver))
+
+
+async def test_a_subscription_that_the_server_ends_is_noticed(asyncua_plc: AsyncuaPlc, plc: NodePlc):
+    async with opened(asyncua_plc.url, [f"ns={asyncua_plc.index};s=Plain"], mode="subscribe") as driver:
+        await read(driver, 1)
+        service = at_the_server(asyncua_plc).monitored_item_srv
+        asyncua_plc.run(service.trigger_statuschange(ua.StatusCode(ua.StatusCodes.BadTimeout)))
+        assert "the subscription ended: BadTimeout" in str(await link_error(driver))
+
+    async with opened(plc.url, [f"{AXIS}.Float"], mode="subscribe") as driver:
+        await read(driver, 1)
+        plc.do("drop")
+        assert plc.url in str(await link_error(driver))
+
+
+async def test_of_samples_in_one_notification_the_newest_wins_and_the_others_are_counted(asyncua_plc: AsyncuaPlc):
+    moving(asyncua_plc, 0.0)
+    tags = [f"ns={asyncua_plc.index};s=Moving", f"ns={asyncua_plc.index};s=Plain"]
+    async with opened(asyncua_plc.url, tags, mode="subscribe", publishing_ms=500.0, sampling_ms=0.0) as driver:
+        image = await read(driver, 2)
+        asyncua_plc.run(burst(asyncua_plc, 8))
+        await read_until(driver, image, lambda: image.values[0] > 0.0)
+
+        assert image.values.tolist() == [8.0, 1.5]
+        assert driver.skipped == 7
+
+
+async def burst(plc: AsyncuaPlc, count: int) -> None:
+    """Changes in one go: no publishing comes between them."""
+    for number in range(1, count + 1):
+        value = ua.DataValue(ua.Variant(float(number), ua.VariantType.Double))
+        await plc.server.write_attribute_value(ua.NodeId("Moving", plc.index), value)
+
+
+async def test_a_queue_that_overflowed_shows_in_the_count_and_not_in_the_status(plc: NodePlc):
+    settings = {"publishing_ms": 600.0, "sampling_ms": 20.0, "queue_size": 2}
+    async with opened(plc.url, [f"{AXIS}.Ramp"], mode="subscribe", **settings) as driver:
+        image = await read(driver, 1)
+        await read_until(driver, image, lambda: driver.skipped >= 4)
+
+        assert image.statuses[0] == 0
+
+
+async def test_a_slower_server_gets_a_keep_alive_that_fits_or_is_refused(plc: NodePlc):
+    """This server publishes every 50 ms at the soonest."""
+    hasty = {"mode": "subscribe", "publishing_ms": 1.0}
+    async with opened(plc.url, [f"{AXIS}.Float"], **hasty, stale_after_ms=300.0) as driver:
+        image = await read(driver, 1)
+        until = time.monotonic() + 1.0
+        while time.monotonic() < until:
+            await driver.read(image)
+            await asyncio.sleep(0.02)
+
+    driver = make_driver(plc.url, [f"{AXIS}.Float"], **hasty, stale_after_ms=50.0)
+    with pytest.raises(LinkError, match=r"stale_after_ms of \d+ or more \(it is 50\), or mode: poll"):
+        await driver.open()
