@@ -182,10 +182,9 @@ class Nodes:
             ids.AccessLevel: constant(access, types.Byte),
             ids.UserAccessLevel: constant(_READ, types.Byte),
             ids.MinimumSamplingInterval: constant(self._interval_ms, types.Double),
+            ids.Description: self._text(description),
             ids.Historizing: constant(False, types.Boolean),  # noqa: FBT003  an attribute's value
         }
-        if description:
-            attributes[ids.Description] = self._text(description)
         return self._node(parent, reference, path, name, ua.NodeClass.Variable, type_id, attributes)
 
     def _node(

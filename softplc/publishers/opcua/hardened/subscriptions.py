@@ -101,6 +101,7 @@ class MonitoredItems(MonitoredItemService):  # type: ignore[misc]  # asyncua is 
         return True
 
     async def _create_data_change_monitored_item(self, params: Any) -> Any:
+        params.RequestedParameters.Filter = _present(params.RequestedParameters.Filter)
         status = self._filter_status(params.RequestedParameters.Filter, params.ItemToMonitor.NodeId)
         if status:
             return ua.MonitoredItemCreateResult(ua.StatusCode(status))
@@ -125,6 +126,7 @@ class MonitoredItems(MonitoredItemService):  # type: ignore[misc]  # asyncua is 
         if item is None:
             return ua.MonitoredItemModifyResult(ua.StatusCode(ua.StatusCodes.BadMonitoredItemIdInvalid))
         wanted = params.RequestedParameters
+        wanted.Filter = _present(wanted.Filter)
         if item.callback_handle is not None:
             status = self._filter_status(wanted.Filter, item.read_value_id.NodeId)
             if status:
@@ -216,6 +218,11 @@ def reportable(flt: Any, reported: Any, new: Any, span: Any) -> bool:
     if flt.DeadbandType == ua.DeadbandType.Percent:
         band *= span() / 100.0
     return not abs(new_value - old_value) <= band  # NaN is reported
+
+
+def _present(flt: Any) -> Any:
+    """The filter; None for the empty ExtensionObject that says there is none."""
+    return None if isinstance(flt, ua.ExtensionObject) and flt.TypeId.is_null() else flt
 
 
 def _wants_stamps(flt: Any) -> bool:
