@@ -144,7 +144,7 @@ class Reader:
     def __init__(self, buffer: Any, table: TagTable, clock: Clock) -> None:
         self.table = table
         self._memory = _Memory(buffer, table)
-        self._clock = clock
+        self.clock = clock
         self._sequences = [0] * len(table.sections)
         self._alive = [False] * len(table.sections)
         self._scans: list[Scan | None] = [None] * len(table.sections)
@@ -154,7 +154,7 @@ class Reader:
     def snapshot(self) -> Snapshot:
         """The newest consistent state of every section; the same object as before when nothing changed."""
         changed = False
-        now = self._clock.monotonic()
+        now = self.clock.monotonic()
         for section, (_, start, stop) in enumerate(self.table.sections):
             changed |= self._take(section, start, stop)
             changed |= self._judge(section, start, stop, now)

@@ -1,0 +1,6 @@
+"""asyncua's server with its defaults closed: every override of asyncua's internals is in this folder.
+
+Proven on asyncua 2.1.0, which pyproject.toml pins exactly; each class says what asyncua does without it.
+`channel`: sockets, frames and which services exist. `session`: sessions, their limits, and what each service may do.
+`subscriptions`: subscriptions and monitored items.
+"""

@@ -1,0 +1,243 @@
+"""Sockets, frames and services: what reaches asyncua's server at all."""
+
+import asyncio
+import contextlib
+import struct
+from typing import Any, Final
+
+from asyncua import ua
+from asyncua.common.connection import TransportLimits
+from asyncua.common.utils import Buffer, ServiceError
+from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
+from asyncua.server.internal_session import SessionState
+from asyncua.server.uaprocessor import UaProcessor
+from asyncua.ua.ua_binary import header_from_binary, uatcp_to_binary
+
+from softplc.publishers.opcua.hardened.limits import Limits
+
+_HEADER: Final = struct.Struct("<3scI")
+_CHANNEL_HEADER: Final = 12  # bytes of the header with the channel id
+_TYPES: Final = (ua.MessageType.SecureMessage, ua.MessageType.Hello, ua.MessageType.SecureOpen, ua.MessageType.SecureClose)
+_DRAIN_SECONDS: Final = 0.2  # time to send what is buffered when the server closes
+
+
+def _requests(*names: str) -> frozenset[Any]:
+    ids = (getattr(ua.ObjectIds, f"{name}Request_Encoding_DefaultBinary") for name in names)
+    return frozenset(ua.NodeId(request) for request in ids)
+
+
+_CREATE_SESSION: Final = _requests("CreateSession")
+_ACTIVATE_SESSION: Final = _requests("ActivateSession")
+_WITHOUT_SESSION: Final = _requests("FindServers", "GetEndpoints", "CreateSession", "CloseSecureChannel")
+# All others answer BadServiceUnsupported: RegisterServer, AddNodes, DeleteNodes, the references, HistoryUpdate, …
+_SERVICES: Final = _WITHOUT_SESSION | _requests(
+    "ActivateSession", "CloseSession", "Read", "Write", "Browse", "TranslateBrowsePathsToNodeIds",
+    "RegisterNodes", "UnregisterNodes", "Call", "HistoryRead",
+    "CreateSubscription", "ModifySubscription", "DeleteSubscriptions", "TransferSubscriptions", "SetPublishingMode",
+    "Publish", "Republish",
+    "CreateMonitoredItems", "ModifyMonitoredItems", "DeleteMonitoredItems", "SetMonitoringMode",
+)  # fmt: skip
+
+
+def frame_size(head: bytes | bytearray, chunk_bytes: int) -> int | None:
+    """Bytes of the frame that begins with these eight, as its header declares; None when that cannot be."""
+    kind, chunk, size = _HEADER.unpack_from(head)
+    smallest = _HEADER.size if kind == ua.MessageType.Hello else _CHANNEL_HEADER
+    if kind not in _TYPES or chunk not in b"FCA" or not smallest < size <= chunk_bytes:
+        return None
+    return int(size)
+
+
+class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
+    """One connection's services.
+
+    asyncua: services of administration for everyone, RegisterServer even without a session; messages before a
+    channel is open; any number of CreateSession on one connection; requests of one session with another's token;
+    a session that could not be activated stays with the connection; answers pile up for who does not read.
+    """
+
+    def __init__(self, server: Any, transport: Any, transport_limits: TransportLimits, limits: Limits) -> None:
+        super().__init__(server, transport, transport_limits)
+        self._own_limits = limits
+
+    def send_response(self, *args: Any, **options: Any) -> None:
+        """Answer, unless the client left too much unread: then the connection ends."""
+        if self._transport.get_write_buffer_size() > self._own_limits.unread_bytes:
+            self._transport.abort()
+            return
+        super().send_response(*args, **options)
+
+    async def close(self) -> None:
+        """The connection is gone; its session may live on for a while, for a client that comes back."""
+        if self.session is not None and self.session.processor is self:
+            self.session.processor = None
+        await super().close()
+
+    async def _process_message(self, typeid: Any, requesthdr: Any, seqhdr: Any, body: Any) -> Any:
+        if not self._connection.is_open():
+            raise ServiceError(ua.StatusCodes.BadSecureChannelIdInvalid)
+        if typeid not in _SERVICES:
+            raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
+        if self.session is not None and self.session.state is SessionState.Closed:
+            self.session = None
+        before = self.session
+        if typeid in _CREATE_SESSION:
+            await self._make_room()
+        elif typeid not in _WITHOUT_SESSION:
+            if before is None and typeid not in _ACTIVATE_SESSION:
+                raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
+            if before is not None and requesthdr.AuthenticationToken != before.auth_token:
+                raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
+        try:
+            return await super()._process_message(typeid, requesthdr, seqhdr, body)
+        except BaseException:
+            if typeid in _ACTIVATE_SESSION:
+                self.session = before
+            raise
+        finally:
+            if self.session is not None and self.session is not before:
+                self._adopt(self.session)
+
+    def _adopt(self, session: Any) -> None:
+        """A session that was activated here is no longer that of the connection it came from."""
+        if session.processor is not None:
+            session.processor.session = None
+        session.processor = self
+
+    async def _make_room(self) -> None:
+        if self.session is not None:
+            raise ServiceError(ua.StatusCodes.BadTooManySessions)
+        if self._session_watchdog_task is not None:
+            self._session_watchdog_task.cancel()
+        await self.iserver.make_room(self.name[0])
+
+
+class Protocol(OPCUAProtocol):  # type: ignore[misc]  # asyncua is untyped here
+    """One connection.
+
+    asyncua: a frame is buffered whatever length its header declares, and copied with every packet; one address
+    may take all connections; 500 requests of 64 kB wait for each; a frame that breaks the protocol is logged with
+    a traceback and the connection goes on.
+    """
+
+    def __init__(self, own_limits: Limits, **options: Any) -> None:
+        super().__init__(**options)
+        self.closed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._own_limits = own_limits
+        self._received = bytearray()
+        self._paused = False
+
+    def connection_made(self, transport: Any) -> None:
+        """Accept the connection unless its address has too many."""
+        address = _address(transport)
+        same = sum(_address(client.transport) == address for client in self.clients)
+        if same >= self._own_limits.connections_per_address:
+            transport.abort()
+            return
+        super().connection_made(transport)
+        if self.transport is not None:
+            self.processor = Processor(self.iserver, self.transport, self.limits, self._own_limits)
+            self.processor.set_policies(self.policies)
+
+    def connection_lost(self, ex: BaseException | None) -> None:
+        """Tell the server that waits for this in `stop`."""
+        super().connection_lost(ex)
+        if not self.closed.done():
+            self.closed.set_result(None)
+
+    def data_received(self, data: bytes) -> None:
+        """Cut frames out of the stream and queue them; the size is checked before anything is kept."""
+        if self.transport is None or self.transport.is_closing():
+            return
+        received = self._received
+        received += data
+        while len(received) >= _HEADER.size:
+            size = frame_size(received, self._own_limits.chunk_bytes)
+            if size is None:
+                self._end(ua.StatusCodes.BadTcpMessageTypeInvalid)
+                return
+            if len(received) < size:
+                break
+            frame = Buffer(bytes(received[:size]))
+            del received[:size]
+            self.messages.put_nowait((header_from_binary(frame), frame))
+        if self.messages.qsize() >= self._own_limits.waiting_requests and not self._paused:
+            self._paused = True
+            self.transport.pause_reading()
+
+    async def _process_one_msg(self, header: Any, buf: Any) -> bool:
+        try:
+            going_on = await super()._process_one_msg(header, buf)
+        except Exception:  # noqa: BLE001  whatever the frame broke, asyncua's state for it is not to be trusted
+            self._end(ua.StatusCodes.BadTcpInternalError)
+            return False
+        if self._paused and not self.messages.qsize() and self.transport is not None:
+            self._paused = False
+            self.transport.resume_reading()
+        return bool(going_on)
+
+    def _end(self, code: int) -> None:
+        self._received.clear()
+        if self.transport is not None and not self.transport.is_closing():
+            message = ua.ErrorMessage(ua.StatusCode(code), "")
+            self.transport.write(uatcp_to_binary(ua.MessageType.Error, message))
+            self.transport.close()
+
+
+class Listener(BinaryServer):  # type: ignore[misc]  # asyncua is untyped here
+    """The listening socket.
+
+    asyncua: binds and accepts at once, when its address space is long built; stops listening last, and waits for
+    ever for a client that does not read.
+    """
+
+    def __init__(self, server: Any, host: str, port: int, limits: Limits) -> None:
+        chunks = -(-limits.message_bytes // limits.chunk_bytes)
+        transport = TransportLimits(limits.chunk_bytes, limits.chunk_bytes, chunks, limits.message_bytes)
+        super().__init__(server, host, port, transport)
+        self._own_limits = limits
+
+    async def bind(self) -> None:
+        """Take the port, without accepting anyone yet. Raises OSError."""
+        loop = asyncio.get_running_loop()
+        self._server = await loop.create_server(self._make_protocol, self.hostname, self.port, start_serving=False)
+
+    async def start(self) -> None:
+        """Accept connections from now on. Raises OSError."""
+        await self._server.start_serving()
+        self.cleanup_task = asyncio.create_task(self._close_task_loop())
+
+    async def stop(self) -> None:
+        """Stop listening, drop the clients and wait until they are gone."""
+        if self._server is None:
+            return
+        self._server.close()
+        clients = list(self.clients)
+        for client in clients:
+            client.transport.close()
+        if clients:
+            _, unread = await asyncio.wait([client.closed for client in clients], timeout=_DRAIN_SECONDS)
+            for client in clients:
+                client.transport.abort()
+            if unread:
+                await asyncio.wait(unread, timeout=_DRAIN_SECONDS)
+        if self.cleanup_task is not None:
+            self.cleanup_task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self.cleanup_task
+        await self._close_tasks()
+
+    def _make_protocol(self) -> Protocol:
+        return Protocol(
+            self._own_limits,
+            iserver=self.iserver,
+            policies=self._policies,
+            clients=self.clients,
+            closing_tasks=self.closing_tasks,
+            limits=self.limits,
+        )
+
+
+def _address(transport: Any) -> str:
+    peer = transport.get_extra_info("peername") if transport is not None else None
+    return str(peer[0]) if peer else ""

@@ -1,0 +1,37 @@
+"""How much one client, and all clients together, may take of the server."""
+
+from collections.abc import Sized
+from dataclasses import dataclass
+
+from asyncua import ua
+from asyncua.common.utils import ServiceError
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What clients may have open at once. The caps for one address leave room for somebody at another one."""
+
+    connections: int = 100
+    connections_per_address: int = 50
+    sessions: int = 100
+    sessions_per_address: int = 50
+    subscriptions: int = 500
+    subscriptions_per_session: int = 20
+    items_per_session: int = 20_000
+    queue_size: int = 100  # notifications kept for one monitored item
+    unacknowledged: int = 100  # messages kept for Republish, per subscription
+    operations: int = 2_000  # nodes or items in one request; also told as OperationLimits
+    chunk_bytes: int = 65_535
+    message_bytes: int = 1 << 20
+    unread_bytes: int = 8 << 20  # answers that a client leaves unread before it is dropped
+    waiting_requests: int = 64  # requests of one connection after which it is not read any further
+    activation_seconds: float = 10.0  # from connection to an activated session
+    min_publishing_ms: float = 10.0
+    max_publishing_ms: float = 3_600_000.0
+
+    def check_operations(self, items: Sized | None) -> None:
+        """Raises ServiceError when a request asks for nothing or for too much at once."""
+        if not items:
+            raise ServiceError(ua.StatusCodes.BadNothingToDo)
+        if len(items) > self.operations:
+            raise ServiceError(ua.StatusCodes.BadTooManyOperations)

@@ -1,0 +1,248 @@
+"""Sessions: how many, how they are recognised, and what each service may do for whom."""
+
+import dataclasses
+import math
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import structlog
+from asyncua import ua
+from asyncua.common.utils import ServiceError
+from asyncua.crypto.permission_rules import User, UserRole
+from asyncua.server.internal_server import InternalServer
+from asyncua.server.internal_session import InternalSession
+from asyncua.server.user_managers import UserManager
+
+from softplc.publishers.opcua.access import Access
+from softplc.publishers.opcua.hardened.limits import Limits
+from softplc.publishers.opcua.hardened.subscriptions import Subscriptions
+from softplc.publishers.opcua.values import Watch
+
+log = structlog.get_logger(__name__)
+
+_ANONYMOUS = User(UserRole.Anonymous)
+_READ_WRITE = 1 << ua.AccessLevel.CurrentRead | 1 << ua.AccessLevel.CurrentWrite
+
+
+class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
+    """One client's session.
+
+    asyncua: its authentication token is a counter, so that anyone takes over anyone's session; every session may
+    delete, change, acknowledge and take over every other session's subscriptions; requests of any size are served;
+    a write goes straight to the node; Republish of what is not there answers Good with an empty message, and
+    node-opcua clients then ask again for ever; a history that nobody keeps is Good and empty.
+    """
+
+    def __init__(self, server: "ClosedServer", name: Any, user: Any) -> None:
+        super().__init__(server, server.aspace, server.subscription_service, name, user=user, external=False)
+        self.external = True
+        self.auth_token = ua.NodeId(os.urandom(32), 0, ua.NodeIdType.ByteString)
+        self.processor: Any = None  # the connection that the session is on; None when that was lost
+        server.register_external_session(self)
+
+    async def create_session(self, params: Any, sockname: Any = None) -> Any:
+        """CreateSession; a requested timeout that is no number is taken as the shortest."""
+        if not math.isfinite(params.RequestedSessionTimeout):
+            params.RequestedSessionTimeout = 0.0
+        return await super().create_session(params, sockname=sockname)
+
+    def activate_session(self, params: Any, peer_certificate: Any) -> Any:
+        """ActivateSession; log-ins of named users are told, refused ones too."""
+        before = self.user
+        try:
+            result = super().activate_session(params, peer_certificate)
+        except ServiceError:
+            self.iserver.access.refused(str(self.name[0]))
+            raise
+        if self.user.name != before.name and self.user.name is not None:
+            log.info("opcua log-in", user=self.user.name, address=str(self.name[0]))
+        return result
+
+    async def read(self, params: Any) -> list[Any]:
+        """Read; UserAccessLevel is the session's own."""
+        self.iserver.limits.check_operations(params.NodesToRead)
+        results = self.iserver.attribute_service.read(params)
+        for number, item in enumerate(params.NodesToRead):
+            if item.AttributeId == ua.AttributeIds.UserAccessLevel and self._may_write(item.NodeId):
+                variant = ua.Variant(_READ_WRITE, ua.VariantType.Byte)
+                results[number] = dataclasses.replace(results[number], Value=variant)
+        return list(results)
+
+    async def write(self, params: Any) -> list[Any]:
+        """Write: never to a node, always through the rules of `access`."""
+        self.iserver.limits.check_operations(params.NodesToWrite)
+        return [ua.StatusCode(self._write(item)) for item in params.NodesToWrite]
+
+    async def browse(self, params: Any) -> list[Any]:
+        """Browse within the limits of one request."""
+        self.iserver.limits.check_operations(params.NodesToBrowse)
+        return list(await super().browse(params))
+
+    async def translate_browsepaths_to_nodeids(self, params: Any) -> list[Any]:
+        """TranslateBrowsePathsToNodeIds within the limits of one request; an empty path matches nothing."""
+        self.iserver.limits.check_operations(params)
+        if any(not path.RelativePath.Elements for path in params):
+            raise ServiceError(ua.StatusCodes.BadNothingToDo)
+        return list(await super().translate_browsepaths_to_nodeids(params))
+
+    async def call(self, params: Any) -> list[Any]:
+        """Call: there are no methods."""
+        self.iserver.limits.check_operations(params)
+        return [ua.CallMethodResult(ua.StatusCode(ua.StatusCodes.BadNotImplemented)) for _ in params]
+
+    async def history_read(self, params: Any) -> list[Any]:
+        """HistoryRead: there is no history."""
+        self.iserver.limits.check_operations(params.NodesToRead)
+        status = ua.StatusCode(ua.StatusCodes.BadHistoryOperationUnsupported)
+        return [ua.HistoryReadResult(status) for _ in params.NodesToRead]
+
+    async def create_subscription(self, params: Any, callback: Any, request_callback: Any = None) -> Any:
+        """CreateSubscription up to the limit of one session."""
+        if len(self._own()) >= self.iserver.limits.subscriptions_per_session:
+            raise ServiceError(ua.StatusCodes.BadTooManySubscriptions)
+        return await super().create_subscription(params, callback, request_callback)
+
+    def modify_subscription(self, params: Any) -> Any:
+        """ModifySubscription of the session's own."""
+        self._check_own(params.SubscriptionId)
+        return super().modify_subscription(params)
+
+    async def delete_subscriptions(self, ids: Sequence[int]) -> list[Any]:
+        """DeleteSubscriptions of the session's own; others do not exist."""
+        results = iter(await super().delete_subscriptions(own := [number for number in ids if number in self._own()]))
+        unknown = ua.StatusCode(ua.StatusCodes.BadSubscriptionIdInvalid)
+        return [next(results) if number in own else unknown for number in ids]
+
+    async def set_publishing_mode(self, params: Any) -> list[Any]:
+        """SetPublishingMode of the session's own; others do not exist."""
+        own = self._own()
+        params.SubscriptionIds = [number if number in own else 0 for number in params.SubscriptionIds]
+        return list(await super().set_publishing_mode(params))
+
+    async def transfer_subscriptions(self, params: Any, callback: Any) -> list[Any]:
+        """TransferSubscriptions: refused, the client makes new ones; without encryption nobody proves who he is."""
+        code = ua.StatusCodes.BadUserAccessDenied
+        return [ua.TransferResult(ua.StatusCode(code)) for _ in params.SubscriptionIds]
+
+    async def create_monitored_items(self, params: Any) -> list[Any]:
+        """CreateMonitoredItems on the session's own subscription, up to the limit of one session."""
+        self.iserver.limits.check_operations(params.ItemsToCreate)
+        self._check_own(params.SubscriptionId)
+        held = sum(len(sub.monitored_item_srv) for sub in self._own().values())
+        if held + len(params.ItemsToCreate) > self.iserver.limits.items_per_session:
+            raise ServiceError(ua.StatusCodes.BadTooManyMonitoredItems)
+        return list(await super().create_monitored_items(params))
+
+    async def modify_monitored_items(self, params: Any) -> list[Any]:
+        """ModifyMonitoredItems on the session's own subscription."""
+        self._check_own(params.SubscriptionId)
+        return list(await super().modify_monitored_items(params))
+
+    async def set_monitoring_mode(self, params: Any) -> list[Any]:
+        """SetMonitoringMode on the session's own subscription."""
+        self._check_own(params.SubscriptionId)
+        return list(await super().set_monitoring_mode(params))
+
+    async def delete_monitored_items(self, params: Any) -> list[Any]:
+        """DeleteMonitoredItems on the session's own subscription."""
+        self._check_own(params.SubscriptionId)
+        return list(await super().delete_monitored_items(params))
+
+    def republish(self, params: Any) -> Any:
+        """Republish a message that is kept. Raises ServiceError when there is none."""
+        self._check_own(params.SubscriptionId)
+        return self.subscription_service.republish(params)
+
+    def publish(self, acks: Any = None) -> tuple[int, list[Any]]:
+        """Publish: acknowledges messages of the session's own subscriptions; their number limits the queue."""
+        own = self._own()
+        if not own:
+            raise ServiceError(ua.StatusCodes.BadNoSubscription)
+        results = []
+        for ack in acks or ():
+            sub = own.get(ack.SubscriptionId)
+            results.append(ua.StatusCode(_acknowledge(sub, ack.SequenceNumber)))
+        return len(own), results
+
+    def _own(self) -> dict[int, Any]:
+        """The session's subscriptions."""
+        subscriptions = self.subscription_service.subscriptions
+        return {number: sub for number, sub in subscriptions.items() if sub.session_id == self.session_id}
+
+    def _check_own(self, subscription_id: int) -> None:
+        if subscription_id not in self._own():
+            raise ServiceError(ua.StatusCodes.BadSubscriptionIdInvalid)
+
+    def _may_write(self, node_id: Any) -> bool:
+        return bool(self.iserver.access.may_write(self.user, node_id))
+
+    def _write(self, item: Any) -> int:
+        node = self.aspace.get(item.NodeId)
+        if node is None:
+            return int(ua.StatusCodes.BadNodeIdUnknown)
+        if item.AttributeId not in node.attributes:
+            return int(ua.StatusCodes.BadAttributeIdInvalid)
+        return int(self.iserver.access.write(self.user, item))
+
+
+def _acknowledge(sub: Any, sequence_number: int) -> int:
+    if sub is None:
+        return int(ua.StatusCodes.BadSubscriptionIdInvalid)
+    known = sub._not_acknowledged_results.pop(sequence_number, None)  # noqa: SLF001
+    return int(ua.StatusCodes.Good if known else ua.StatusCodes.BadSequenceNumberUnknown)
+
+
+class ClosedServer(InternalServer):  # type: ignore[misc]  # asyncua is untyped here
+    """asyncua's inner server with softplc's sessions, subscriptions and rules.
+
+    asyncua: user `admin` with any password is an administrator; sessions are counted for the whole process.
+    """
+
+    access: Access
+    watch: Watch
+
+    def __init__(self, users: UserManager, limits: Limits) -> None:
+        super().__init__(user_manager=users)
+        self.limits = limits
+        self.allow_remote_admin = False
+        self.disabled_clock = True  # server time comes from softplc's clock with every publish
+        self.supported_tokens = (ua.AnonymousIdentityToken, ua.UserNameIdentityToken)
+        self.max_connections = limits.connections
+        self.max_pending_messages_per_connection = 0  # bounded by not reading on, see Protocol
+        self.max_pending_activation_seconds = limits.activation_seconds
+        self.max_subscriptions = limits.subscriptions
+        self.max_unacked_messages_per_subscription = limits.unacknowledged
+        self.max_monitored_item_queue_size = limits.queue_size
+        self.subscription_service = Subscriptions(self.aspace, self)
+        self.isession.subscription_service = self.subscription_service
+
+    def create_session(self, name: Any, user: Any = _ANONYMOUS, external: bool = True) -> Session:  # noqa: FBT001, FBT002
+        """A session for a connection; `make_room` was asked before."""
+        return Session(self, name, user)
+
+    async def make_room(self, address: str) -> None:
+        """Room for one more session from this address; one whose connection was lost gives way.
+
+        Raises ServiceError BadTooManySessions.
+        """
+        sessions = list(self._external_sessions.values())
+        same = [session for session in sessions if session.name[0] == address]
+        crowd: list[Session] = []
+        if len(same) >= self.limits.sessions_per_address:
+            crowd = same
+        elif len(sessions) >= self.limits.sessions:
+            crowd = sessions
+        if crowd:
+            lost = [session for session in crowd if session.processor is None]
+            if not lost:
+                raise ServiceError(ua.StatusCodes.BadTooManySessions)
+            await min(lost, key=lambda session: session._last_activity).close_session()  # noqa: SLF001
+
+    async def stop(self) -> None:
+        """Close what clients left open, then the rest."""
+        for session in list(self._external_sessions.values()):
+            await session.close_session()
+        await super().stop()
+
+

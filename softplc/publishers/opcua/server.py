@@ -1,0 +1,207 @@
+"""softplc's OPC-UA server: the snapshot of every scan as OPC-UA variables, and writes on their way back as commands."""
+
+import asyncio
+import contextlib
+import errno
+import gc
+import ipaddress
+import logging
+import socket
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from typing import Any, Final
+
+import structlog
+from asyncua import Server, ua
+
+import softplc
+from softplc.errors import SoftplcError
+from softplc.exchange import Reader
+from softplc.publishers.opcua.access import Access, AllServices, Users
+from softplc.publishers.opcua.address_space import APPLICATION_URI, NAMESPACE, NAMESPACE_URI, Nodes
+from softplc.publishers.opcua.config import OpcUaPublisher
+from softplc.publishers.opcua.hardened.channel import Listener
+from softplc.publishers.opcua.hardened.limits import Limits
+from softplc.publishers.opcua.hardened.session import ClosedServer
+from softplc.publishers.opcua.values import TagValues, Watch, utc
+
+_ITEMS_PER_TURN: Final = 256  # tags notified before the loop's other tasks get their turn
+_USUAL_INTERVAL_MS: Final = 50.0  # told to clients where the configuration leaves the interval out
+_SERVICE_LEVELS: Final = {"all": 255, "some": 100, "none": 1}  # OPC 10000-4, 6.6.2.4.2: Healthy, Degraded, NoData
+_UNKNOWN_DATE: Final = datetime(1601, 1, 1, tzinfo=UTC)
+_OPERATION_LIMITS: Final = (
+    "MaxNodesPerRead", "MaxNodesPerWrite", "MaxNodesPerMethodCall", "MaxNodesPerBrowse", "MaxNodesPerRegisterNodes",
+    "MaxNodesPerTranslateBrowsePathsToNodeIds", "MaxMonitoredItemsPerCall",
+)  # fmt: skip
+_NOT_SERVED: Final = (
+    "MaxNodesPerHistoryReadData", "MaxNodesPerHistoryReadEvents", "MaxNodesPerHistoryUpdateData",
+    "MaxNodesPerHistoryUpdateEvents", "MaxNodesPerNodeManagement",
+)  # fmt: skip
+
+log = structlog.get_logger(__name__)
+
+
+class OpcUaServer:
+    """Publisher of every tag over OPC-UA; read-only but for configured users and writable tags."""
+
+    def __init__(self, config: OpcUaPublisher, reader: Reader, limits: Limits | None = None) -> None:
+        self._config, self._reader = config, reader
+        self._limits = limits or Limits()
+        self._server: Server | None = None
+        self._listener: Listener | None = None
+        self._values = TagValues(reader.table, reader.clock.utc_ns())
+        self._watch = Watch([], 0.0)
+        self._attributes: list[Any] = []
+        self._second = 0
+        self._service_level = -1
+
+    async def open(self) -> str:
+        """Build the address space and listen. Raises SoftplcError when the address is not to be had."""
+        logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)  # it logs every client's every mistake
+        host, port = self._config.host, self._config.port
+        inner = ClosedServer(Users(self._config.users), self._limits)
+        self._listener = Listener(inner, host, port, self._limits)
+        try:
+            await self._listener.bind()
+            await self._build(inner)
+            await self._listener.start()
+        except OSError as error:
+            await self.close()
+            raise SoftplcError(f"OPC-UA server cannot listen on {host}:{port}: {_explain(error)}") from error
+        except BaseException:
+            await self.close()
+            raise
+        await self.publish()
+        self._warn_of_network()
+        return f"opc.tcp://{f'[{host}]' if ':' in host else host}:{port}"
+
+    async def publish(self) -> None:
+        """Serve the newest snapshot, and notify those who monitor what changed."""
+        if self._server is None:
+            return
+        clock = self._reader.clock
+        now = clock.utc_ns()
+        changes = self._values.take(self._reader.snapshot(), now)
+        for number, index in enumerate(self._watch.due(changes, clock.monotonic()), start=1):
+            await _notify(self._attributes[index], self._values.data_value(index))
+            if not number % _ITEMS_PER_TURN:
+                await asyncio.sleep(0)
+        if now // 1_000_000_000 != self._second:
+            self._second = now // 1_000_000_000
+            await self._tell_time(now)
+        await self._tell_service_level(now)
+
+    async def close(self) -> None:
+        """Stop listening and drop the clients."""
+        listener, server = self._listener, self._server
+        self._listener = self._server = None
+        if listener is not None:
+            await listener.stop()
+        if server is not None:
+            await server.iserver.stop()
+
+    async def _build(self, inner: ClosedServer) -> None:
+        """Everything that a client can see, with the garbage collector out of the way: it takes 1.5 s otherwise."""
+        with _no_garbage_collection():
+            self._server = server = Server(iserver=inner)
+            server.product_uri = "urn:softplc"
+            server.manufacturer_name = server.name = "softplc"
+            server.application_type = ua.ApplicationType.Server
+            server._application_uri = APPLICATION_URI  # noqa: SLF001  init() writes it; set_ after init leaves a trace
+            server.set_endpoint(f"opc.tcp://{self._config.host}:{self._config.port}")
+            server.set_security_policy([ua.SecurityPolicyType.NoSecurity], permission_ruleset=AllServices())
+            await server.init()
+            if await server.register_namespace(NAMESPACE_URI) != NAMESPACE:
+                raise SoftplcError(f"{NAMESPACE_URI} is not namespace {NAMESPACE}: another one was registered first")
+            interval_ms = self._config.interval_ms or _USUAL_INTERVAL_MS
+            ids = Nodes(inner.aspace, self._values, interval_ms).build(self._reader.table)
+        self._watch = inner.watch = Watch(ids, interval_ms / 1000.0)
+        self._attributes = [inner.aspace[node_id].attributes[ua.AttributeIds.Value] for node_id in ids]
+        inner.access = Access(self._reader, self._values, inner.watch.index)
+        await self._describe_server(server)
+        await server._setup_server_nodes()  # noqa: SLF001  endpoints; Server.start would bring its own listener
+        self._listener.set_policies(server._policies)  # type: ignore[union-attr]  # noqa: SLF001
+        await inner.start()
+        await self._tell_start(self._reader.clock.utc_ns())
+
+    async def _describe_server(self, server: Server) -> None:
+        await server.set_build_info("urn:softplc", "softplc", "softplc", softplc.__version__, "", _UNKNOWN_DATE)
+        limits = ua.ObjectIds
+        for names, value in ((_OPERATION_LIMITS, self._limits.operations), (_NOT_SERVED, 0)):
+            for name in names:
+                node = getattr(limits, f"Server_ServerCapabilities_OperationLimits_{name}")
+                await self._write(node, ua.Variant(value, ua.VariantType.UInt32))
+
+    async def _tell_start(self, now: int) -> None:
+        status = self._read(ua.ObjectIds.Server_ServerStatus)
+        status.StartTime = utc(now)
+        await self._write(ua.ObjectIds.Server_ServerStatus_StartTime, ua.Variant(utc(now), ua.VariantType.DateTime), now)
+
+    async def _tell_time(self, now: int) -> None:
+        status = self._read(ua.ObjectIds.Server_ServerStatus)
+        status.CurrentTime = utc(now)
+        await self._write(ua.ObjectIds.Server_ServerStatus, ua.Variant(status), now)
+        await self._write(
+            ua.ObjectIds.Server_ServerStatus_CurrentTime, ua.Variant(utc(now), ua.VariantType.DateTime), now
+        )
+
+    async def _tell_service_level(self, now: int) -> None:
+        alive = self._values.snapshot.alive if self._values.snapshot else ()
+        level = _SERVICE_LEVELS["all" if all(alive) else "some" if any(alive) else "none"]
+        if level != self._service_level:
+            self._service_level = level
+            await self._write(ua.ObjectIds.Server_ServiceLevel, ua.Variant(level, ua.VariantType.Byte), now)
+
+    def _read(self, node: int) -> Any:
+        value = self._server.iserver.aspace.read_attribute_value(ua.NodeId(node), ua.AttributeIds.Value)
+        return value.Value.Value
+
+    async def _write(self, node: int, variant: Any, now: int | None = None) -> None:
+        stamp = None if now is None else utc(now)
+        value = ua.DataValue(variant, SourceTimestamp=stamp, ServerTimestamp=stamp)
+        await self._server.iserver.aspace.write_attribute_value(ua.NodeId(node), ua.AttributeIds.Value, value)
+
+    def _warn_of_network(self) -> None:
+        if not _is_loopback(self._config.host):
+            log.warning(
+                "opcua server is open to the network without encryption: everyone there reads, passwords go in clear",
+                host=self._config.host,
+                port=self._config.port,
+                users=len(self._config.users),
+            )
+
+
+async def _notify(attribute: Any, value: Any) -> None:
+    for handle, callback in list(attribute.datachange_callbacks.items()):
+        await callback(handle, value)
+
+
+@contextlib.contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+def _is_loopback(host: str) -> bool:
+    if host == "localhost":
+        return True
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(host).is_loopback
+    return False
+
+
+def _explain(error: OSError) -> str:
+    if error.errno == errno.EADDRINUSE:
+        return "the port is in use; stop the program that has it, or configure another port"
+    if error.errno == errno.EACCES:
+        return "not permitted; ports below 1024 need a privilege, another port does not"
+    if error.errno == errno.EADDRNOTAVAIL:
+        return "this machine does not have that address; configure one of its own, or 0.0.0.0 for all"
+    if isinstance(error, socket.gaierror):
+        return "the host name is not known; configure an address of this machine"
+    return error.strerror or str(error)

@@ -1,0 +1,130 @@
+"""A served exchange on a virtual clock, clients of it, and node-opcua as a peer."""
+
+import asyncio
+import contextlib
+import json
+import os
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest_asyncio
+from asyncua import Client
+
+from softplc.clock import VirtualClock
+from softplc.model import Secret
+from softplc.publishers.opcua.config import OpcUaPublisher, OpcUaServerUser
+from softplc.publishers.opcua.hardened.limits import Limits
+from softplc.publishers.opcua.server import OpcUaServer
+from tests.support.exchange import Exchange, make_exchange
+from tests.support.network import free_port
+from tests.support.peers import need_npm
+
+CLIENT_JS = Path(__file__).parent.parent / "peers" / "opcua_client.js"
+PASSWORD = "opensesame"
+os.environ["SOFTPLC_TEST_OPCUA_PASSWORD"] = PASSWORD
+USERS = (OpcUaServerUser(name="engineer", password=Secret(env="SOFTPLC_TEST_OPCUA_PASSWORD")),)
+
+
+@dataclass
+class Served:
+    """An exchange and the server that publishes it."""
+
+    exchange: Exchange
+    clock: VirtualClock
+    server: OpcUaServer
+    url: str
+    port: int
+
+    async def scan(self, after: float = 0.05) -> None:
+        """One more scan `after` virtual seconds, published."""
+        self.clock.advance(after)
+        self.exchange.publish()
+        await self.server.publish()
+
+    def client(self, user: str | None = None, password: str | None = None) -> Client:
+        """An asyncua client, not yet connected."""
+        client = Client(self.url, timeout=20)
+        if user is not None:
+            client.set_user(user)
+            client.set_password(password)
+        return client
+
+
+@contextlib.asynccontextmanager
+async def serve(limits: Limits | None = None, *, scanned: bool = True) -> AsyncIterator[Served]:
+    """A server on a free port over a hand-made exchange."""
+    clock = VirtualClock()
+    exchange = make_exchange(clock)
+    if scanned:
+        exchange.publish()
+    port = free_port()
+    server = OpcUaServer(OpcUaPublisher(type="opcua", port=port, users=USERS), exchange.reader, limits)
+    url = await server.open()
+    try:
+        yield Served(exchange, clock, server, url, port)
+    finally:
+        await server.close()
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def served() -> AsyncIterator[Served]:
+    async with serve() as served:
+        yield served
+
+
+class NodeClient:
+    """tests/peers/opcua_client.js as a process."""
+
+    def __init__(self, process: asyncio.subprocess.Process) -> None:
+        self._process = process
+        self.notifications: list[dict[str, Any]] = []
+
+    async def ask(self, **request: Any) -> dict[str, Any]:
+        """Send one request; notifications that come before its answer are kept."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps(request).encode() + b"\n")
+        async with asyncio.timeout(60):
+            while "answer" not in (line := await self._line()):
+                self.notifications.append(line)
+        return line
+
+    async def notified(self, condition: Callable[[list[dict[str, Any]]], bool]) -> list[dict[str, Any]]:
+        """All notifications so far, as soon as the condition holds for them."""
+        async with asyncio.timeout(60):
+            while not condition(self.notifications):
+                self.notifications.append(await self._line())
+        return self.notifications
+
+    async def _line(self) -> dict[str, Any]:
+        """The next JSON line; node-opcua's own warnings between them are passed over."""
+        assert self._process.stdout is not None
+        while line := await self._process.stdout.readline():
+            with contextlib.suppress(ValueError):
+                found = json.loads(line)
+                if isinstance(found, dict):
+                    return found
+        raise AssertionError("the node-opcua client ended")
+
+
+@contextlib.asynccontextmanager
+async def node_client(folder: Path) -> AsyncIterator[NodeClient]:
+    """A node-opcua client; skips the test when it is not installed."""
+    peers = need_npm("node-opcua")
+    process = await asyncio.create_subprocess_exec(
+        "node",
+        str(CLIENT_JS),
+        str(folder / "pki"),
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.DEVNULL,
+        env={**os.environ, "NODE_PATH": str(peers / "node_modules")},
+        limit=1 << 24,
+    )
+    try:
+        yield NodeClient(process)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            process.kill()
+        await process.wait()
