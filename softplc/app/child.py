@@ -1,11 +1,13 @@
 """What the scan process and the gateway share: signals, the life line to the supervisor, the exit code."""
 
 import asyncio
+import contextlib
 import multiprocessing
 import signal
 import sys
 from collections.abc import Awaitable, Callable
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 import structlog
@@ -15,13 +17,17 @@ from softplc.errors import SoftplcError
 log = structlog.get_logger(__name__)
 
 
-def run_child(connection: "Connection[Any, Any]", body: Callable[[asyncio.Event], Awaitable[None]]) -> None:
+def run_child(
+    name: str, connection: "Connection[Any, Any]", body: Callable[[asyncio.Event], Awaitable[None]]
+) -> None:
     """Run `body(stop)` in an event loop; `stop` is set by SIGTERM or when the supervisor is gone.
 
     A SoftplcError is told to the supervisor as ("failed", exit code, text) and becomes this process' exit code.
     SIGINT is left to the supervisor: a terminal sends it to everyone.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with contextlib.suppress(OSError):  # what ps and top show; only Linux has it
+        Path("/proc/self/comm").write_text(f"softplc-{name}", encoding="ascii")
     try:
         asyncio.run(_run(body))
     except* SoftplcError as group:

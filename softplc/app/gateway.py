@@ -26,7 +26,7 @@ def gateway_process(config_json: str, buffer: Any, connection: "Connection[Any, 
     """Entry point of the process: serve until told to stop. Sends ("ready", {type: endpoint}) when all listen."""
     config = Config.model_validate_json(config_json)
     configure_logs(config.log, "gateway")
-    run_child(connection, partial(_serve, config, buffer, connection))
+    run_child("gateway", connection, partial(_serve, config, buffer, connection))
 
 
 async def _serve(config: Config, buffer: Any, connection: "Connection[Any, Any]", stop: asyncio.Event) -> None:

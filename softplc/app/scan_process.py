@@ -31,7 +31,7 @@ def scan_process(config_json: str, buffer: Any, connection: "Connection[Any, Any
     """Entry point of the process: scan until told to stop."""
     config = Config.model_validate_json(config_json)
     configure_logs(config.log, "scan")
-    run_child(connection, partial(_scan, config, buffer, connection))
+    run_child("scan", connection, partial(_scan, config, buffer, connection))
 
 
 async def _scan(config: Config, buffer: Any, connection: "Connection[Any, Any]", stop: asyncio.Event) -> None:

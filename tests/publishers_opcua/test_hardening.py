@@ -162,10 +162,12 @@ async def test_a_connection_that_activates_no_session_is_closed(quiet: Served) -
 
 
 async def test_one_address_cannot_take_all_connections(quiet: Served) -> None:
-    pairs = [await asyncio.open_connection("127.0.0.1", quiet.port) for _ in range(LIMITS.connections_per_address + 2)]
+    pairs = [
+        await asyncio.open_connection("127.0.0.1", quiet.port) for _ in range(LIMITS.connections_per_address + 2)
+    ]
     refused_ones = [reader for reader, _ in pairs[LIMITS.connections_per_address :]]
     for reader in refused_ones:
-        assert b"" == await closed(reader)
+        assert await closed(reader) == b""
 
     _, writer = await asyncio.open_connection("127.0.0.1", quiet.port, local_addr=("127.0.0.2", 0))
     await connections(quiet, LIMITS.connections_per_address + 1)
@@ -181,7 +183,7 @@ async def test_one_connection_has_one_session(quiet: Served) -> None:
             await client.create_session()
 
         assert CODES.BadTooManySessions == refused(error)
-        assert 1 == len(quiet.server._server.iserver._external_sessions)
+        assert len(quiet.server._server.iserver._external_sessions) == 1
 
 
 async def test_a_lost_session_gives_way_to_a_new_client_and_a_living_one_does_not(quiet: Served) -> None:
@@ -207,7 +209,7 @@ async def test_session_tokens_are_256_random_bits(quiet: Served) -> None:
             assert (ua.NodeIdType.ByteString, 32) == (token.NodeIdType, len(token.Identifier))
             tokens.add(token.Identifier)
 
-    assert 3 == len(tokens)
+    assert len(tokens) == 3
 
 
 async def test_a_session_answers_only_to_its_own_token(quiet: Served) -> None:
@@ -319,7 +321,7 @@ async def test_a_session_cannot_touch_anothers_subscription(quiet: Served) -> No
         assert CODES.BadSubscriptionIdInvalid == await republish(stranger, number, 1)
 
         subscriptions = quiet.server._server.iserver.subscription_service.subscriptions
-        assert (True, 1) == (subscriptions[number]._publishing_enabled, len(subscriptions[number].monitored_item_srv))
+        assert (subscriptions[number]._publishing_enabled, len(subscriptions[number].monitored_item_srv)) == (True, 1)
 
 
 async def test_subscriptions_and_items_of_one_session_are_limited(quiet: Served) -> None:
@@ -331,7 +333,10 @@ async def test_subscriptions_and_items_of_one_session_are_limited(quiet: Served)
         with pytest.raises(ua.UaStatusCodeError) as subscriptions:
             await client.create_subscription(20, None)
 
-        assert (CODES.BadTooManyMonitoredItems, CODES.BadTooManySubscriptions) == (refused(items), refused(subscriptions))
+        assert (CODES.BadTooManyMonitoredItems, CODES.BadTooManySubscriptions) == (
+            refused(items),
+            refused(subscriptions),
+        )
         async with quiet.client() as other:
             await subscribed(other)
 
@@ -389,7 +394,8 @@ def requests(token: Any) -> list[bytes]:
     """One request of many services, as the session with this token sends them."""
     subscription, item = 78, ua.MonitoredItemCreateRequest(ua.ReadValueId(POSITION, 13))
     filtered = ua.MonitoredItemCreateRequest(
-        ua.ReadValueId(POSITION, 13), RequestedParameters=ua.MonitoringParameters(1, 0.0, ua.DataChangeFilter(), 1, True)
+        ua.ReadValueId(POSITION, 13),
+        RequestedParameters=ua.MonitoringParameters(1, 0.0, ua.DataChangeFilter(), 1, True),
     )
     made = [
         ua.ReadRequest(Parameters=ua.ReadParameters(NodesToRead=[ua.ReadValueId(POSITION, 13)])),
@@ -441,6 +447,6 @@ async def test_mutated_requests_leave_no_trace_in_the_log_and_no_client_suffers(
                 await attacker.disconnect()
 
         assert sent > 1000
-        assert [] == [record for record in caplog.records if "server" in record.name or record.name == "asyncio"]
-        assert [] == quiet.exchange.writer.commands()
+        assert [record for record in caplog.records if "server" in record.name or record.name == "asyncio"] == []
+        assert quiet.exchange.writer.commands() == []
         assert await other.get_node(POSITION).read_value() is not None

@@ -70,11 +70,18 @@ class Program:
         return "".join(self.out) + "".join(self.err)
 
     def children(self) -> dict[str, int]:
-        """Process ids of the direct children by the name softplc gave them in their command line, in start order."""
+        """Process ids of the direct children by name; one that has no name yet is left out."""
         pid = self.process.pid
-        found = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-        spawned = [int(child) for child in found if "spawn_main" in Path(f"/proc/{child}/cmdline").read_text()]
-        return dict(zip(("emulator", "scan", "gateway"), spawned, strict=False))
+        names = {}
+        for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+            try:
+                name = Path(f"/proc/{child}/comm").read_text().strip()
+                command = Path(f"/proc/{child}/cmdline").read_text()
+            except OSError:
+                continue
+            if "spawn_main" in command:
+                names[name.removeprefix("softplc-")] = int(child)
+        return names
 
     def end(self, number: int = signal.SIGTERM, timeout: float = 20.0) -> int:
         """Send a signal and wait; returns the exit code."""

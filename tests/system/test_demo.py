@@ -100,6 +100,7 @@ def test_nothing_is_written_outside_the_working_directory(demo):
 def test_ctrl_c_ends_with_exit_0_within_two_seconds_and_no_traceback(demo):
     program, _, _, _ = demo
     children = program.children()
+    assert {"scan", "gateway"} < set(children)
     assert len(children) == 3
     begun = time.monotonic()
     os.kill(program.process.pid, signal.SIGINT)

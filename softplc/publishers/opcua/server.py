@@ -107,7 +107,7 @@ class OpcUaServer:
             server.product_uri = "urn:softplc"
             server.manufacturer_name = server.name = "softplc"
             server.application_type = ua.ApplicationType.Server
-            server._application_uri = APPLICATION_URI  # noqa: SLF001  init() writes it; set_ after init leaves a trace
+            server._application_uri = APPLICATION_URI
             server.set_endpoint(f"opc.tcp://{self._config.host}:{self._config.port}")
             server.set_security_policy([ua.SecurityPolicyType.NoSecurity], permission_ruleset=AllServices())
             await server.init()
@@ -119,8 +119,8 @@ class OpcUaServer:
         self._attributes = [inner.aspace[node_id].attributes[ua.AttributeIds.Value] for node_id in ids]
         inner.access = Access(self._reader, self._values, inner.watch.index)
         await self._describe_server(server)
-        await server._setup_server_nodes()  # noqa: SLF001  endpoints; Server.start would bring its own listener
-        self._listener.set_policies(server._policies)  # type: ignore[union-attr]  # noqa: SLF001
+        await server._setup_server_nodes()
+        self._listener.set_policies(server._policies)  # type: ignore[union-attr]
         await inner.start()
         await self._tell_start(self._reader.clock.utc_ns())
 
@@ -135,7 +135,9 @@ class OpcUaServer:
     async def _tell_start(self, now: int) -> None:
         status = self._read(ua.ObjectIds.Server_ServerStatus)
         status.StartTime = utc(now)
-        await self._write(ua.ObjectIds.Server_ServerStatus_StartTime, ua.Variant(utc(now), ua.VariantType.DateTime), now)
+        await self._write(
+            ua.ObjectIds.Server_ServerStatus_StartTime, ua.Variant(utc(now), ua.VariantType.DateTime), now
+        )
 
     async def _tell_time(self, now: int) -> None:
         status = self._read(ua.ObjectIds.Server_ServerStatus)

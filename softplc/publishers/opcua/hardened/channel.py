@@ -17,7 +17,12 @@ from softplc.publishers.opcua.hardened.limits import Limits
 
 _HEADER: Final = struct.Struct("<3scI")
 _CHANNEL_HEADER: Final = 12  # bytes of the header with the channel id
-_TYPES: Final = (ua.MessageType.SecureMessage, ua.MessageType.Hello, ua.MessageType.SecureOpen, ua.MessageType.SecureClose)
+_TYPES: Final = (
+    ua.MessageType.SecureMessage,
+    ua.MessageType.Hello,
+    ua.MessageType.SecureOpen,
+    ua.MessageType.SecureClose,
+)
 _DRAIN_SECONDS: Final = 0.2  # time to send what is buffered when the server closes
 
 
@@ -168,7 +173,7 @@ class Protocol(OPCUAProtocol):  # type: ignore[misc]  # asyncua is untyped here
     async def _process_one_msg(self, header: Any, buf: Any) -> bool:
         try:
             going_on = await super()._process_one_msg(header, buf)
-        except Exception:  # noqa: BLE001  whatever the frame broke, asyncua's state for it is not to be trusted
+        except Exception:
             self._end(ua.StatusCodes.BadTcpInternalError)
             return False
         if self._paused and not self.messages.qsize() and self.transport is not None:

@@ -189,7 +189,7 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
 def _acknowledge(sub: Any, sequence_number: int) -> int:
     if sub is None:
         return int(ua.StatusCodes.BadSubscriptionIdInvalid)
-    known = sub._not_acknowledged_results.pop(sequence_number, None)  # noqa: SLF001
+    known = sub._not_acknowledged_results.pop(sequence_number, None)
     return int(ua.StatusCodes.Good if known else ua.StatusCodes.BadSequenceNumberUnknown)
 
 
@@ -217,7 +217,7 @@ class ClosedServer(InternalServer):  # type: ignore[misc]  # asyncua is untyped 
         self.subscription_service = Subscriptions(self.aspace, self)
         self.isession.subscription_service = self.subscription_service
 
-    def create_session(self, name: Any, user: Any = _ANONYMOUS, external: bool = True) -> Session:  # noqa: FBT001, FBT002
+    def create_session(self, name: Any, user: Any = _ANONYMOUS, external: bool = True) -> Session:
         """A session for a connection; `make_room` was asked before."""
         return Session(self, name, user)
 
@@ -237,12 +237,10 @@ class ClosedServer(InternalServer):  # type: ignore[misc]  # asyncua is untyped 
             lost = [session for session in crowd if session.processor is None]
             if not lost:
                 raise ServiceError(ua.StatusCodes.BadTooManySessions)
-            await min(lost, key=lambda session: session._last_activity).close_session()  # noqa: SLF001
+            await min(lost, key=lambda session: session._last_activity).close_session()
 
     async def stop(self) -> None:
         """Close what clients left open, then the rest."""
         for session in list(self._external_sessions.values()):
             await session.close_session()
         await super().stop()
-
-

@@ -40,7 +40,7 @@ class Subscriptions(SubscriptionService):  # type: ignore[misc]  # asyncua is un
         sub = self.subscriptions.get(params.SubscriptionId)
         if sub is None:
             raise ServiceError(ua.StatusCodes.BadSubscriptionIdInvalid)
-        kept = sub._not_acknowledged_results.get(params.RetransmitSequenceNumber)  # noqa: SLF001
+        kept = sub._not_acknowledged_results.get(params.RetransmitSequenceNumber)
         if kept is None:
             raise ServiceError(ua.StatusCodes.BadMessageNotAvailable)
         return kept.NotificationMessage
