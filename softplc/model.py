@@ -4,12 +4,29 @@ import os
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, StringConstraints, model_validator
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
 from softplc.errors import ConfigError
 
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", max_length=64)]
+# In json_schema_extra: x-unit is the unit of a number (`unit` stands for the axis' own), x-expected says in words
+# what a pattern asks for, x-secret marks what is never shown. The configuration's error texts are made of them.
+Name = Annotated[
+    str,
+    StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", max_length=64),
+    Field(
+        json_schema_extra={
+            "x-expected": "a name of at most 64 letters, digits, _ and -, which starts with a letter or _"
+        }
+    ),
+]
 """A name that is also a part of node ids and metric labels: letters, digits, _ and -, no dots."""
+
+Host = Annotated[
+    str,
+    StringConstraints(pattern=r"^[^\s/@]+$", max_length=253),
+    Field(json_schema_extra={"x-expected": "a host name or an address, as in plc1.local or 192.168.0.10"}),
+]
+"""Where a device is, or where a server listens."""
 
 
 class Model(BaseModel):
@@ -27,6 +44,8 @@ class Model(BaseModel):
 
 class Secret(Model):
     """Where a secret is to be found: an environment variable or a file, never the configuration itself."""
+
+    model_config = ConfigDict(json_schema_extra={"x-secret": True, "minProperties": 1, "maxProperties": 1})
 
     env: str | None = None
     """Name of the environment variable that holds the secret."""

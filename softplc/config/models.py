@@ -29,7 +29,7 @@ SourceTag = Annotated[
     Discriminator(
         _protocol_of,
         custom_error_type="source_tag",
-        custom_error_message="expected one of node (OPC-UA), address (Modbus) or column (recording)",
+        custom_error_message="a tag: source, and one of node (OPC-UA), address (Modbus) or column (recording)",
     ),
 ]
 
@@ -38,6 +38,7 @@ class Task(Model):
     """A cyclic task (IEC 61131-3): its axes are scanned together on a fixed time grid."""
 
     name: Name = "main"
+    """How axes refer to it."""
     period_ms: Annotated[float, Field(ge=1, le=60_000)] = 50.0
     """Time between scans, ms. q_x and q_x_dot are per scan: another period makes another filter."""
     priority: Annotated[int, Field(ge=0, le=31)] = 16
@@ -48,8 +49,32 @@ class WritableEnable(Model):
     """Enable is a tag that a client may write (see the OPC-UA publisher's users)."""
 
     writable: Literal[True]
+    """true."""
     initial: bool = True
     """State after start."""
+
+
+def _form_of_enable(value: Any) -> str | None:
+    """Of the three forms of enable the one that a value has."""
+    if isinstance(value, bool):
+        return "state"
+    if isinstance(value, WritableEnable) or (isinstance(value, dict) and "writable" in value):
+        return "writable"
+    return _protocol_of(value)
+
+
+Enable = Annotated[
+    Annotated[bool, Tag("state")]
+    | Annotated[WritableEnable, Tag("writable")]
+    | Annotated[OpcUaTag, Tag("opcua")]
+    | Annotated[ModbusTag, Tag("modbus")]
+    | Annotated[ReplayTag, Tag("replay")],
+    Discriminator(
+        _form_of_enable,
+        custom_error_type="enable",
+        custom_error_message="true, false, writable: true, or a tag: source, and one of node, address or column",
+    ),
+]
 
 
 class WriteBack(Model):
@@ -60,7 +85,7 @@ class WriteBack(Model):
     tag: SourceTag
     """Where it goes."""
     deadband: Annotated[float, Field(ge=0)] = 0.0
-    """Write when the value moved by more than this since the last write, in the output's unit."""
+    """Write when the value moved by more than this since the last write, in the output's unit. Bigger writes less."""
     every_scans: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
     """Write in every n-th scan, changed or not; leave out to write on change."""
     min_interval_ms: Annotated[float, Field(ge=0, le=3_600_000)] = 0.0
@@ -74,16 +99,18 @@ class Axis(Model):
     """
 
     name: Name
+    """First part of the names of its tags, as in AxisX.Position."""
     input: SourceTag
     """The measured position."""
     observer: AoiConfig
+    """Which observer filters it, with its tuning."""
     unit: Annotated[str, Field(max_length=16)] = ""
     """Unit of the position, as in mm, deg, in, count; velocity is in unit/s."""
-    range: tuple[float, float] | None = None
+    range: Annotated[tuple[float, float] | None, Field(json_schema_extra={"x-unit": "unit"})] = None
     """Lowest and highest plausible position; a sample outside is rejected. Also the EURange for HMIs."""
     task: Name | None = None
     """The task that scans this axis; the first one when left out."""
-    enable: bool | WritableEnable | SourceTag = True
+    enable: Enable = True
     """true or false; or a Boolean tag of a source; or `writable: true` for a tag that clients may write."""
     dt_source: Literal["scan", "source", "arrival"] = "scan"
     """Which Δt the observer uses: the measured scan interval, the samples' own timestamps, or their arrivals."""
@@ -92,6 +119,7 @@ class Axis(Model):
     held_after_ms: Annotated[float, Field(ge=0, le=3_600_000)] = 1000.0
     """predict: a value unchanged for so long on a live link is held, and counts as a measurement, ms."""
     write_back: tuple[WriteBack, ...] = ()
+    """Outputs that are written into a source."""
 
 
 class RealTime(Model):
@@ -100,7 +128,7 @@ class RealTime(Model):
     cpu_affinity: tuple[Annotated[int, Field(ge=0)], ...] | None = None
     """CPUs that the scan process may run on."""
     fifo_priority: Annotated[int, Field(ge=1, le=99)] | None = None
-    """SCHED_FIFO with this priority (CAP_SYS_NICE)."""
+    """SCHED_FIFO with this priority (CAP_SYS_NICE). Bigger goes before more of the machine's other work."""
     lock_memory: bool = False
     """mlockall: no page of the scan process is swapped out (CAP_IPC_LOCK)."""
     gc_freeze: bool = True
@@ -111,6 +139,7 @@ class Log(Model):
     """What is logged and how."""
 
     level: Literal["debug", "info", "warning", "error"] = "info"
+    """The least that is logged."""
     format: Literal["auto", "console", "json"] = "auto"
     """auto: console on a terminal, JSON otherwise."""
 
@@ -118,12 +147,18 @@ class Log(Model):
 class Config(Model):
     """A softplc configuration: sources are read by tasks, axes are observed, publishers serve them."""
 
-    tasks: tuple[Task, ...] = (Task(),)
+    tasks: Annotated[tuple[Task, ...], Field(min_length=1)] = (Task(),)
+    """Cyclic tasks; one named main at 50 ms when left out."""
     sources: Annotated[tuple[Source, ...], Field(min_length=1)]
+    """Where positions come from: PLCs, devices, recordings."""
     axes: Annotated[tuple[Axis, ...], Field(min_length=1)]
+    """The positions that are filtered."""
     publishers: tuple[Publisher, ...] = ()
+    """Servers for HMIs and PLCs."""
     realtime: RealTime = RealTime()
+    """Options of the scan process that may need permission."""
     log: Log = Log()
+    """What is logged and how."""
 
     def task_of(self, axis: Axis) -> Task:
         """The task that scans an axis. Raises StopIteration when load() did not check the name."""

@@ -23,7 +23,8 @@ class ReplaySource(Model):
 
     type: Literal["replay"]
     name: Name
-    file: str
+    """How tags refer to it."""
+    file: Annotated[str, Field(min_length=1)]
     """Path of the CSV file, relative to the working directory."""
     time_column: Annotated[str, Field(min_length=1)] = "t"
     """Column with the time of each row, in seconds from any start, ascending."""
@@ -40,6 +41,7 @@ class ReplayTag(Model):
     """One column of a recording."""
 
     source: Name
+    """Name of a recording."""
     column: Annotated[str, Field(min_length=1)]
     """Name of the CSV column."""
 

@@ -19,10 +19,10 @@ from softplc.units import per_second, squared
 class Bleed(Model):
     """Velocity damping near rest (paper, equation 22): below the threshold the velocity is multiplied each scan."""
 
-    threshold: Annotated[float, Field(gt=0)]
-    """|measurement − corrected position| below which the velocity bleeds, in the axis' unit."""
+    threshold: Annotated[float, Field(gt=0, json_schema_extra={"x-unit": "unit"})]
+    """|measurement − corrected position| below which the velocity bleeds, axis unit. Bigger bleeds more often."""
     factor: Annotated[float, Field(gt=0, lt=1)]
-    """What the velocity is multiplied by in each such scan."""
+    """What the velocity is multiplied by in each such scan. Bigger bleeds more slowly."""
 
 
 class AoiConfig(Model):
@@ -31,14 +31,14 @@ class AoiConfig(Model):
     type: Literal["aoi"]
     precision: Literal["lreal", "real"] = "lreal"
     """lreal: float64. real: every operation rounded to float32, as a Logix REAL computes."""
-    q_x: Annotated[float, Field(ge=0)] = 0.001
+    q_x: Annotated[float, Field(ge=0, json_schema_extra={"x-unit": "unit²"})] = 0.001
     """Process noise added to the position variance in each scan, unit². Bigger follows faster and smooths less."""
-    q_x_dot: Annotated[float, Field(ge=0)] = 0.1
+    q_x_dot: Annotated[float, Field(ge=0, json_schema_extra={"x-unit": "(unit/s)²"})] = 0.1
     """Process noise added to the velocity variance in each scan, (unit/s)². Bigger: velocity adapts faster."""
-    r_x: Annotated[float, Field(gt=0)]
+    r_x: Annotated[float, Field(gt=0, json_schema_extra={"x-unit": "unit²"})]
     """Measurement noise variance of each sample, unit². Bigger smooths more and lags more."""
     bleed: Bleed | None = None
-    """Leave out for none."""
+    """Velocity damping near rest; leave it out for none."""
 
     @model_validator(mode="after")
     def _fits_the_precision(self) -> Self:

@@ -1,14 +1,14 @@
 """Configuration of a Modbus source and of a tag in it."""
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from softplc.clock import Clock
 from softplc.drivers.modbus.address import Address, parse_address
 from softplc.interfaces import Driver
-from softplc.model import Model, Name
+from softplc.model import Host, Model, Name
 
 ByteOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]
 ModbusType = Literal["bool", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
@@ -18,30 +18,44 @@ class TcpTransport(Model):
     """Modbus TCP."""
 
     type: Literal["tcp"] = "tcp"
-    host: str
+    host: Host
+    """Where the device is."""
     port: Annotated[int, Field(ge=1, le=65535)] = 502
+    """TCP port."""
 
 
 class RtuTransport(Model):
     """Modbus RTU over a serial line."""
 
     type: Literal["rtu"]
-    device: str
+    device: Annotated[str, Field(min_length=1)]
     """Serial device, as in /dev/ttyUSB0."""
-    baudrate: Annotated[int, Field(ge=300, le=1_000_000)] = 19200
+    baudrate: Annotated[int, Field(ge=300, le=1_000_000, json_schema_extra={"x-unit": "bit/s"})] = 19200
+    """Speed of the line, bit/s."""
     parity: Literal["N", "E", "O"] = "E"
+    """N none, E even, O odd."""
     stop_bits: Literal[1, 2] = 1
+    """1, or 2 as is usual without parity."""
 
 
 class RtuOverTcpTransport(Model):
     """Modbus RTU frames through a TCP socket of a serial gateway."""
 
     type: Literal["rtu_over_tcp"]
-    host: str
+    host: Host
+    """Where the serial gateway is."""
     port: Annotated[int, Field(ge=1, le=65535)] = 502
+    """TCP port."""
 
 
-Transport = Annotated[TcpTransport | RtuTransport | RtuOverTcpTransport, Field(discriminator="type")]
+def _tcp_by_default(transport: Any) -> Any:
+    """A transport that does not say its type is TCP."""
+    return {"type": "tcp", **transport} if isinstance(transport, dict) and "type" not in transport else transport
+
+
+Transport = Annotated[
+    TcpTransport | RtuTransport | RtuOverTcpTransport, Field(discriminator="type"), BeforeValidator(_tcp_by_default)
+]
 
 
 class ModbusSource(Model):
@@ -49,7 +63,9 @@ class ModbusSource(Model):
 
     type: Literal["modbus"]
     name: Name
+    """How tags refer to it."""
     transport: Transport
+    """How it is reached."""
     unit_id: Annotated[int, Field(ge=0, le=255)] = 1
     """Unit (slave, device) id."""
     byte_order: ByteOrder = "ABCD"
@@ -78,14 +94,20 @@ class ModbusTag(Model):
     """One value of a Modbus source."""
 
     source: Name
-    address: int | str
+    """Name of a Modbus source."""
+    address: Annotated[
+        int | str,
+        Field(json_schema_extra={"x-expected": "a Modbus address such as 40001, 400001 or holding:0"}),
+    ]
     """`40001` or `400001` (numbered from 1, the first digit names the table), or `holding:0` (from 0)."""
     data_type: ModbusType = "float32"
+    """What the registers hold; coils and discrete inputs hold bool."""
     byte_order: ByteOrder | None = None
     """Byte order of this tag where it differs from the source's; only for values of two or more registers."""
     scale: float = 1.0
-    """Engineering value = raw · scale + offset."""
-    offset: float = 0.0
+    """Engineering value = raw · scale + offset; not 0."""
+    offset: Annotated[float, Field(json_schema_extra={"x-unit": "unit"})] = 0.0
+    """Engineering value at raw 0, in the axis' unit."""
 
     @property
     def location(self) -> Address:

@@ -14,18 +14,22 @@ from softplc.model import Model, Name, Secret
 class OpcUaUser(Model):
     """Who logs in at the server."""
 
-    name: str
+    name: Annotated[str, Field(min_length=1, max_length=64)]
+    """User name."""
     password: Secret
+    """Where the password is to be found."""
 
 
 class OpcUaSecurity(Model):
     """Message security; leave it out for SecurityPolicy None."""
 
     policy: Literal["Basic256Sha256", "Aes128_Sha256_RsaOaep", "Aes256_Sha256_RsaPss"] = "Basic256Sha256"
+    """Security policy; the server must offer it."""
     mode: Literal["Sign", "SignAndEncrypt"] = "SignAndEncrypt"
-    certificate: str
+    """Messages are signed, or signed and encrypted."""
+    certificate: Annotated[str, Field(min_length=1)]
     """Path of our application certificate (DER or PEM)."""
-    private_key: str
+    private_key: Annotated[str, Field(min_length=1)]
     """Path of its private key (PEM)."""
     server_certificate: str | None = None
     """Path of the server's certificate; without it the one that the server presents is taken."""
@@ -36,7 +40,14 @@ class OpcUaSource(Model):
 
     type: Literal["opcua"]
     name: Name
-    url: Annotated[str, Field(pattern=r"^opc\.tcp://[^/\s]+")]
+    """How tags refer to it."""
+    url: Annotated[
+        str,
+        Field(
+            pattern=r"^opc\.tcp://[^/\s]+",
+            json_schema_extra={"x-expected": "an endpoint as in opc.tcp://192.168.0.10:4840"},
+        ),
+    ]
     """Endpoint, as in opc.tcp://192.168.0.10:4840."""
     mode: Literal["poll", "subscribe"] = "poll"
     """poll: one batched Read in every scan. subscribe: the server reports changes; for slow or many tags."""
@@ -53,7 +64,9 @@ class OpcUaSource(Model):
     stale_after_ms: Annotated[float, Field(ge=10, le=3_600_000)] = 3000.0
     """Without a sign of life from the server for so long its values are no longer current, ms."""
     user: OpcUaUser | None = None
+    """Who logs in; leave it out to be anonymous."""
     security: OpcUaSecurity | None = None
+    """Signing and encryption; leave it out for none."""
 
     @field_validator("url")
     @classmethod
@@ -75,7 +88,16 @@ class OpcUaTag(Model):
     """One variable of an OPC-UA source."""
 
     source: Name
-    node: str
+    """Name of an OPC-UA source."""
+    node: Annotated[
+        str,
+        Field(
+            min_length=1,
+            json_schema_extra={
+                "x-expected": "a node id as in ns=2;s=AxisX.Position, or a browse path as in /Objects/2:X/2:Position"
+            },
+        ),
+    ]
     """Node id `ns=2;s=Axis.Position` or `nsu=urn:plc;s=…`, or browse path `/Objects/2:Axis/2:Position`."""
     index: Annotated[int, Field(ge=0)] | None = None
     """Element of an array variable, from 0; row by row where it has several dimensions."""

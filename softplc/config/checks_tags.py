@@ -1,0 +1,214 @@
+"""Tags against their sources (protocol, address, data type, byte order) and against each other (overlaps, loops)."""
+
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+from softplc.config.checks_names import at
+from softplc.config.checks_values import host_and_port
+from softplc.config.facts import KEY_OF_KIND, Facts, Item, TagUse
+from softplc.config.problem import LONG, Problem, shown
+from softplc.config.tree import Node, Scalar, below, text_at
+from softplc.drivers.modbus.address import LAST_OFFSET, Address, parse_address
+from softplc.drivers.modbus.config import ModbusTag
+from softplc.drivers.opcua.node import parse_address as parse_node
+
+REGISTERS: Final = {
+    "bool": 1,
+    "int16": 1,
+    "uint16": 1,
+    "int32": 2,
+    "uint32": 2,
+    "float32": 2,
+    "int64": 4,
+    "uint64": 4,
+    "float64": 4,
+}
+_DEFAULT_TYPE: Final[str] = ModbusTag.model_fields["data_type"].default
+_OPCUA_PORT: Final = 4840
+_MODBUS_PORT: Final = 502
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """What a tag occupies in its device: registers start … stop − 1 of a table, or one OPC-UA variable (0 … 0)."""
+
+    device: tuple[Any, ...]
+    table: Any
+    start: int
+    stop: int
+    tag: TagUse
+    label: str
+
+    @property
+    def places(self) -> range:
+        """Its registers."""
+        return range(self.start, self.stop)
+
+    @property
+    def line(self) -> int:
+        """Line of the address."""
+        return at(below(self.tag.block, _key(self.tag)), self.tag.block)[0]
+
+
+def check(facts: Facts) -> Iterator[Problem]:
+    """All problems with tags."""
+    spans: list[Span] = []
+    for tag in facts.tags:
+        source = facts.source_of(tag)
+        if source is not None and tag.kind not in facts.kinds_named.get(source.name or "", ()):
+            yield from _protocol(tag, source)
+        if tag.kind == "modbus":
+            yield from _modbus(tag, source, spans)
+        elif tag.kind == "opcua":
+            yield from _opcua(tag, source, spans)
+        if tag.role == "write_back":
+            yield from _recording(tag, source, facts)
+    yield from _overlaps([span for span in spans if span.tag.role != "write_back"], partial=True)
+    yield from _overlaps([span for span in spans if span.tag.role == "write_back"], partial=False)
+    yield from _loops(spans)
+
+
+def _key(tag: TagUse) -> str:
+    return KEY_OF_KIND.get(tag.kind or "", "source")
+
+
+def _problem(tag: TagUse, key: str, text: str) -> Problem:
+    return Problem(*at(below(tag.block, key), tag.block), (*tag.path, key), text)
+
+
+def _protocol(tag: TagUse, source: Item) -> Iterator[Problem]:
+    kind = source.text("type")
+    if tag.kind is None or kind not in KEY_OF_KIND:
+        return
+    entry = tag.block.entries[_key(tag)]
+    text = (
+        f"found {_key(tag)}, but {shown(source.name or '')} is a source of type {kind}, expected {KEY_OF_KIND[kind]}"
+    )
+    yield Problem(entry.line, entry.column, (*tag.path, _key(tag)), text)
+
+
+def _recording(tag: TagUse, source: Item | None, facts: Facts) -> Iterator[Problem]:
+    if tag.kind == "replay" or (source is not None and source.text("type") == "replay"):
+        yield _problem(tag, "source", "found a recording, expected a source that can be written")
+        return
+    fed_by = facts.source_named.get(text_at(tag.axis.block, "input", "source") or "")
+    if fed_by is not None and fed_by.text("type") == "replay":
+        name = shown(tag.axis.name or "")
+        yield _problem(tag, "source", f"found a write-back of {name}, which a recording feeds, expected none")
+
+
+def _modbus(tag: TagUse, source: Item | None, spans: list[Span]) -> Iterator[Problem]:
+    node = below(tag.block, "address")
+    data_type = text_at(tag.block, "data_type") if "data_type" in tag.block.entries else _DEFAULT_TYPE
+    width = REGISTERS.get(data_type or "")
+    yield from _byte_order(tag, data_type, width)
+    if not isinstance(node, Scalar) or isinstance(node.value, bool) or not isinstance(node.value, int | str):
+        return
+    try:
+        address = parse_address(node.value)
+    except ValueError as error:
+        yield _problem(tag, "address", shown(str(error), LONG))
+        return
+    if tag.role == "write_back" and not address.table.writable:
+        yield _problem(
+            tag, "address", f"found {address}, which nobody can write, expected a holding register or a coil"
+        )
+    if data_type is None or width is None:
+        return
+    if address.table.bits and data_type != "bool":
+        key = "data_type" if "data_type" in tag.block.entries else "address"
+        yield _problem(tag, key, f"found {data_type}, but {address} is a single bit, expected data_type: bool")
+        return
+    if address.offset + width - 1 > LAST_OFFSET:
+        last = Address(address.table, LAST_OFFSET)
+        text = f"found {address}, but {data_type} takes {width} registers and {last} is the last"
+        yield _problem(tag, "address", f"{text}, expected a lower address")
+        return
+    if source is not None:
+        label = f"{data_type} at {address}"
+        spans.append(Span(_device(source), address.table, address.offset, address.offset + width, tag, label))
+
+
+def _byte_order(tag: TagUse, data_type: str | None, width: int | None) -> Iterator[Problem]:
+    order = below(tag.block, "byte_order")
+    if width == 1 and isinstance(order, Scalar) and order.value is not None:
+        found = f"found {shown(order.text)}, but {data_type} is a value of one register, which has no order of words"
+        yield _problem(tag, "byte_order", f"{found}, expected none; leave byte_order out")
+
+
+def _opcua(tag: TagUse, source: Item | None, spans: list[Span]) -> Iterator[Problem]:
+    text, index = text_at(tag.block, "node"), below(tag.block, "index")
+    if text is None:
+        return
+    try:
+        address = parse_node(text)
+    except ValueError as error:
+        yield _problem(tag, "node", shown(str(error), LONG))
+        return
+    if source is not None:
+        element = index.value if isinstance(index, Scalar) else None
+        spans.append(Span(_device(source), (address, element), 0, 1, tag, str(address)))
+
+
+def _device(source: Item) -> tuple[Any, ...]:
+    """What tells a device from others, so that one that is declared twice is known as the same."""
+    if source.text("type") == "opcua":
+        found = host_and_port(source.text("url") or "", _OPCUA_PORT)
+        return ("opcua", *found) if found else ("source", source.name)
+    transport = below(source.block, "transport")
+    host, device = text_at(transport, "host"), text_at(transport, "device")
+    if host is None and device is None:
+        return ("source", source.name)
+    port, unit = below(transport, "port"), below(source.block, "unit_id")
+    return (
+        "modbus",
+        device or host,
+        _MODBUS_PORT if port is None else _value(port),
+        1 if unit is None else _value(unit),
+    )
+
+
+def _value(node: Node | None) -> Any:
+    return node.value if isinstance(node, Scalar) else None
+
+
+def _by_table(spans: list[Span]) -> dict[Any, list[Span]]:
+    tables: dict[Any, list[Span]] = defaultdict(list)
+    for span in spans:
+        tables[span.device, span.table].append(span)
+    return tables
+
+
+def _overlaps(spans: list[Span], *, partial: bool) -> Iterator[Problem]:
+    """Neighbours that share registers; `partial`: tags that start alike are the same value, read twice."""
+    for table in _by_table(spans).values():
+        table.sort(key=lambda span: (span.start, span.stop))
+        furthest = table[0]
+        for span in table[1:]:
+            if span.start < furthest.stop and not (partial and span.start == furthest.start):
+                first, second = sorted((furthest, span), key=lambda each: each.line)
+                same = (first.start, first.stop) == (second.start, second.stop)
+                how = "is written already" if same else f"overlaps {first.label}"
+                text = f"{second.label} {how} ({first.tag}, line {first.line}), expected another address"
+                yield _problem(second.tag, _key(second.tag), text)
+            if span.stop > furthest.stop:
+                furthest = span
+
+
+def _loops(spans: list[Span]) -> Iterator[Problem]:
+    """Write-backs onto something that is read: the observer would filter its own output."""
+    read = _by_table([span for span in spans if span.tag.role != "write_back"])
+    reader = {(key, place): span for key, table in read.items() for span in table for place in span.places}
+    for span in spans:
+        if span.tag.role != "write_back":
+            continue
+        key = (span.device, span.table)
+        other = next((reader[key, place] for place in span.places if (key, place) in reader), None)
+        if other is not None:
+            text = (
+                f"{span.label} is also read ({other.tag}, line {other.line}), which closes a loop, "
+                "expected an address that softplc does not read"
+            )
+            yield _problem(span.tag, _key(span.tag), text)
