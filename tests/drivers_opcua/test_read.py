@@ -172,12 +172,23 @@ async def test_a_subscription_brings_changes_of_value_and_status_without_being_a
         assert image.arrivals[0] > first
 
 
-async def test_reads_are_split_at_the_servers_limit(start_plc: Callable[..., NodePlc]):
-    plc = start_plc(maxRead=2)
-    async with opened(plc.url, [f"{AXIS}.{name}" for name in NUMBERS], [f"{AXIS}.Target"]) as driver:
-        image = await read(driver, len(NUMBERS))
+async def test_the_servers_limits_are_kept_and_what_exceeds_them_is_bad(start_plc: Callable[..., NodePlc]):
+    plc = start_plc(maxRead=2, maxItems=4)
+    tags = [f"{AXIS}.{name}" for name in NUMBERS]
+    async with opened(plc.url, tags, [f"{AXIS}.Target"]) as driver:
+        assert (await read(driver, len(tags))).values.tolist() == list(NUMBERS.values())
 
-    assert image.values.tolist() == list(NUMBERS.values())
+    async with opened(plc.url, tags, mode="subscribe") as driver:
+        image = await read(driver, len(tags))
+        assert image.values[:4].tolist() == list(NUMBERS.values())[:4]
+        assert image.statuses[4:].tolist() == [0x80DB0000] * (len(tags) - 4)  # BadTooManyMonitoredItems
+        assert "cannot be monitored: BadTooManyMonitoredItems" in driver.problems[0]
+
+
+@both_modes
+async def test_an_enumeration_is_a_number(plc: NodePlc, mode: str):
+    async with opened(plc.url, [f"{AXIS}.Mode"], mode=mode) as driver:
+        assert (await read(driver, 1)).values[0] == 2.0
 
 
 @both_modes

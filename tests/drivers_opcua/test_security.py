@@ -78,7 +78,7 @@ def test_a_missing_secret_or_certificate_is_a_configuration_error(tmp_path: Path
         (text, key, "is no X.509 certificate"),
         (certificate, text, "is no private key"),
         (certificate, other, "is not the private key of"),
-        (certificate, curve, "expected an RSA key"),
+        (certificate, curve, "is no RSA key"),
     ):
         security = OpcUaSecurity(certificate=str(wrong_certificate), private_key=str(wrong_key))
         with pytest.raises(ConfigError, match=found):

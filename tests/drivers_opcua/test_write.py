@@ -58,6 +58,13 @@ async def test_what_cannot_be_written_says_why(plc: NodePlc):
         assert any("Nope" in problem for problem in driver.problems)
 
 
+async def test_a_variable_without_value_is_written_as_its_declared_type(plc: NodePlc):
+    targets = [f"{AXIS}.Span", f"{AXIS}.Label"]  # a Duration, which is a Double, and a LocaleId, which is a String
+    async with opened(plc.url, [], targets) as driver:
+        assert driver.problems == (f"{AXIS}.Label: is String; expected a number or Boolean",)
+        assert await driver.write({0: 1.25, 1: 1.0}) == {0: 0, 1: StatusCode.BAD_TYPE_MISMATCH}
+
+
 @pytest.mark.parametrize("mode", ["poll", "subscribe"])
 async def test_a_write_carries_neither_status_nor_timestamp(asyncua_plc: AsyncuaPlc, mode: str):
     """The server stores what it is sent: a status or source timestamp of ours would show."""

@@ -7,6 +7,7 @@
 // OPTIONS: shift     register another namespace first, so that the index of ours becomes 3
 //          without   names of variables that are left out
 //          maxRead   the MaxNodesPerRead that the server tells and keeps
+//          maxItems  the most monitored items that a subscription may have
 //          as        {name: type} variables of another type than usual
 // Lines on stdin: "set NAME VALUE", "bad NAME", "good NAME", "remove NAME", "add NAME", "retype NAME TYPE", "drop" all
 // subscriptions, "count" sessions and subscriptions; each is answered "ok" and what it gives.
@@ -50,7 +51,10 @@ async function main() {
         serverCertificateManager: pki,
         userCertificateManager: pki,
         userManager: { isValidUser: (name, password) => name === "operator" && password === "secret" },
-        serverCapabilities: options.maxRead ? { operationLimits: { maxNodesPerRead: options.maxRead } } : undefined,
+        serverCapabilities: {
+            ...(options.maxRead && { operationLimits: { maxNodesPerRead: options.maxRead } }),
+            ...(options.maxItems && { maxMonitoredItemsPerSubscription: options.maxItems }),
+        },
     });
     await server.initialize();
     const space = server.engine.addressSpace;
@@ -107,6 +111,13 @@ async function main() {
         Count: () => add("Count", DataType.Int16, {}).setValueFromSource({ dataType: DataType.Int16, value: 0 }),
         Flag: () => add("Flag", DataType.Boolean, {}).setValueFromSource({ dataType: DataType.Boolean, value: false }),
         Changing: constant("Changing", DataType.Double, 1),
+        Mode: () => add("Mode", namespace.addEnumerationType({
+            browseName: "ModeType", enumeration: ["Stop", "Run", "Jog"],
+        }), {}).setValueFromSource({ dataType: DataType.Int32, value: 2 }, StatusCodes.Good, STAMP),
+        Span: () => add("Span", "Duration", {}).setValueFromSource(
+            { dataType: DataType.Double, value: 0 }, StatusCodes.BadWaitingForInitialData),
+        Label: () => add("Label", "LocaleId", {}).setValueFromSource(
+            { dataType: DataType.String, value: "" }, StatusCodes.BadWaitingForInitialData),
         Held: () => add("Held", DataType.Double, {}).setValueFromSource({ dataType: DataType.Double, value: 3 }),
     };
     for (const [name, [dataType, value]] of Object.entries(SCALARS)) makers[name] = constant(name, dataType, value);

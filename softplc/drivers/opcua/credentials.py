@@ -2,15 +2,16 @@
 
 import socket
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Final
 
 from asyncua import Client, ua
 from asyncua.crypto import security_policies
-from asyncua.crypto.uacrypto import CertProperties
+from asyncua.crypto.uacrypto import x509_from_der
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey
-from cryptography.hazmat.primitives.serialization import Encoding, load_der_private_key, load_pem_private_key
+from cryptography.hazmat.primitives.serialization import load_der_private_key, load_pem_private_key
 
 from softplc.drivers.opcua.config import OpcUaSecurity, OpcUaUser
 from softplc.errors import ConfigError
@@ -27,47 +28,38 @@ _POLICIES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Certificates:
-    """Our certificate (DER), its private key (PEM or DER) and, where given, the server's certificate (DER)."""
+    """Our certificate and its key, and the server's certificate where it is given."""
 
     policy: str
     mode: str
-    certificate: bytes
-    private_key: bytes
-    server_certificate: bytes | None
+    certificate: x509.Certificate
+    private_key: RSAPrivateKey
+    server_certificate: x509.Certificate | None
     application_uri: str
 
     @staticmethod
     def load(security: OpcUaSecurity) -> "Certificates":
-        """Read and check the files. Raises ConfigError with the file, what was found and what would be right."""
-        certificate = _certificate(security.certificate)
-        key = _content(security.private_key)
-        if _private_key(security.private_key, key).public_key() != certificate.public_key():
-            raise ConfigError(
-                f"{security.private_key}: is not the private key of {security.certificate}; expected the pair"
-            )
-        server = None
-        if security.server_certificate is not None:
-            server = _certificate(security.server_certificate).public_bytes(Encoding.DER)
+        """Read and check the files, unless they are as they were. Raises ConfigError that names the file."""
+        ours, server = security.certificate, security.server_certificate
+        certificate, key = _pair(ours, security.private_key, _age(ours), _age(security.private_key))
         return Certificates(
             security.policy,
             security.mode,
-            certificate.public_bytes(Encoding.DER),
+            certificate,
             key,
-            server,
-            _application_uri(security.certificate, certificate),
+            None if server is None else _certificate(server, _age(server)),
+            _application_uri(ours, certificate),
         )
 
     async def apply(self, client: Client) -> None:
-        """Prepare the library's client; asks the server for its certificate where none is given."""
-        await client.set_security(
-            _POLICIES[self.policy],
-            CertProperties(self.certificate, "der"),
-            CertProperties(self.private_key, "pem" if _is_pem(self.private_key) else "der"),
-            server_certificate=None
-            if self.server_certificate is None
-            else CertProperties(self.server_certificate, "der"),
-            mode=ua.MessageSecurityMode[self.mode],
-        )
+        """Secure what the library's client will send; asks the server for its certificate where none is given."""
+        mode, policy = ua.MessageSecurityMode[self.mode], _POLICIES[self.policy]
+        server = self.server_certificate
+        if server is None:
+            endpoint = client.find_endpoint(await client.connect_and_get_server_endpoints(), mode, policy.URI)
+            server = x509_from_der(endpoint.ServerCertificate)
+        client.security_policy = policy(server, self.certificate, self.private_key, mode)
+        client.uaclient.set_security(client.security_policy)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +87,14 @@ class Credentials:
         return f"urn:{socket.gethostname()}:softplc:client"
 
 
+def _age(path: str) -> int:
+    """When the file was last changed; tells whether what was read of it still holds."""
+    try:
+        return Path(path).stat().st_mtime_ns
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}; expected a certificate or key file") from error
+
+
 def _content(path: str) -> bytes:
     try:
         return Path(path).read_bytes()
@@ -106,7 +106,8 @@ def _is_pem(content: bytes) -> bool:
     return content.lstrip().startswith(b"-----BEGIN")
 
 
-def _certificate(path: str) -> x509.Certificate:
+@cache
+def _certificate(path: str, age: int) -> x509.Certificate:
     content = _content(path)
     try:
         return (
@@ -116,14 +117,22 @@ def _certificate(path: str) -> x509.Certificate:
         raise ConfigError(f"{path}: is no X.509 certificate; expected one in DER or PEM") from error
 
 
-def _private_key(path: str, content: bytes) -> RSAPrivateKey:
+@cache
+def _pair(
+    certificate_path: str, key_path: str, certificate_age: int, key_age: int
+) -> tuple[x509.Certificate, RSAPrivateKey]:
+    """Certificate and key, once for all attempts to connect: checking a key takes 35 ms, in which nobody scans."""
+    certificate = _certificate(certificate_path, certificate_age)
+    content = _content(key_path)
     try:
         key = (load_pem_private_key if _is_pem(content) else load_der_private_key)(content, None)
     except (ValueError, TypeError) as error:
-        raise ConfigError(f"{path}: is no private key without password; expected one in PEM or DER") from error
+        raise ConfigError(f"{key_path}: is no private key without password; expected one in PEM or DER") from error
     if not isinstance(key, RSAPrivateKey):
-        raise ConfigError(f"{path}: is a {type(key).__name__}; expected an RSA key, as these security policies use")
-    return key
+        raise ConfigError(f"{key_path}: is no RSA key; expected one, as these security policies use")
+    if key.public_key() != certificate.public_key():
+        raise ConfigError(f"{key_path}: is not the private key of {certificate_path}; expected the pair")
+    return certificate, key
 
 
 def _application_uri(path: str, certificate: x509.Certificate) -> str:
