@@ -14,6 +14,8 @@ import structlog
 
 from softplc.errors import SoftplcError
 
+Body = Callable[[asyncio.Event], Awaitable[None]]
+
 log = structlog.get_logger(__name__)
 
 
@@ -36,7 +38,7 @@ def run_child(
         sys.exit(error.exit_code)
 
 
-async def _run(body: Callable[[asyncio.Event], Awaitable[None]]) -> None:
+async def _run(body: Body) -> None:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     loop.add_signal_handler(signal.SIGTERM, stop.set)

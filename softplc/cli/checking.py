@@ -1,7 +1,6 @@
 """The commands that look and end: check, browse, replay, health, export."""
 
 import asyncio
-import os
 import sys
 from pathlib import Path
 
@@ -42,19 +41,35 @@ def check(path: Path, *, connect: bool, as_json: bool) -> int:
 
 def browse(url: str, contains: str, *, yaml: bool, user: str | None, as_json: bool) -> int:
     """List the variables of a server; see `softplc browse --help`."""
+    from softplc.app.checking import status_name  # noqa: PLC0415
     from softplc.drivers.opcua.browse import browse as browse_server  # noqa: PLC0415
-    from softplc.drivers.opcua.browse import paste_block  # noqa: PLC0415
+    from softplc.drivers.opcua.browse import yaml_block  # noqa: PLC0415
+    from softplc.drivers.opcua.config import OpcUaUser  # noqa: PLC0415
+    from softplc.model import Secret  # noqa: PLC0415
 
-    password = os.environ.get("SOFTPLC_PASSWORD") if user else None
-    variables = asyncio.run(browse_server(url, contains=contains, user=user, password=password))
+    login = OpcUaUser(name=user, password=Secret(env="SOFTPLC_PASSWORD")) if user else None
+    listing = asyncio.run(browse_server(url, only=contains or None, user=login))
+    rows = [
+        {
+            "path": variable.path,
+            "node_id": variable.node,
+            "node_id_by_uri": variable.node_by_uri,
+            "data_type": variable.data_type if variable.length is None else f"{variable.data_type}[{variable.length}]",
+            "value": variable.value,
+            "status": status_name(variable.status),
+            "writable": variable.writable,
+        }
+        for variable in listing.variables
+    ]
     if as_json:
-        print_json([variable.as_dict() for variable in variables])
-        return 0
-    if not yaml:
-        rows = [variable.as_dict() for variable in variables]
-        print_table(rows, ("path", "node_id", "data_type", "value"))
-        sys.stdout.write("\n")
-    sys.stdout.write(paste_block(url, variables))
+        print_json(rows)
+    else:
+        if not yaml:
+            print_table(rows, ("path", "node_id", "data_type", "value"))
+            sys.stdout.write("\n")
+        sys.stdout.write(yaml_block(url, listing.variables))
+    if not listing.complete:
+        messages.print("the server has more; narrow it down with --filter", style="yellow")
     return 0
 
 

@@ -1,6 +1,7 @@
 """Where output goes: data to stdout, messages to stderr, JSON on request."""
 
 import json
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,8 +14,19 @@ messages = Console(stderr=True, soft_wrap=True, highlight=False)
 
 def print_json(data: Any) -> None:
     """One JSON document on stdout; NaN becomes null."""
-    json.dump(data, sys.stdout, indent=2, ensure_ascii=False, default=str)
+    json.dump(_plain(data), sys.stdout, indent=2, ensure_ascii=False, default=str, allow_nan=False)
     sys.stdout.write("\n")
+
+
+def _plain(data: Any) -> Any:
+    """JSON knows no NaN and no infinity."""
+    if isinstance(data, float) and not math.isfinite(data):
+        return None
+    if isinstance(data, Mapping):
+        return {key: _plain(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_plain(value) for value in data]
+    return data
 
 
 def print_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> None:

@@ -70,7 +70,11 @@ class Plant:
         return bytes.fromhex(json.loads(done.stdout)[0]["hex"])
 
     def quality(self, axis: int) -> int:
-        return int.from_bytes(self.registers(axis + AXIS.offsets["Quality"], 1), "big")
+        """The axis' quality; -1 while the server cannot be reached."""
+        try:
+            return int.from_bytes(self.registers(axis + AXIS.offsets["Quality"], 1), "big")
+        except subprocess.CalledProcessError:
+            return -1
 
     async def until_quality(self, axis: int, wanted: int) -> None:
         async with asyncio.timeout(60):
