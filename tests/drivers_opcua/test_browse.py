@@ -124,12 +124,17 @@ def test_a_block_without_numbers_says_so():
     assert YAML(typ="safe").load(yaml_block("opc.tcp://h:4840", []))["axes"] == []
 
 
+async def silence(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    await reader.read()
+    writer.close()
+
+
 async def test_browsing_leaves_nothing_behind_and_a_silent_server_ends_it_in_time(plc: NodePlc):
     tasks = len(asyncio.all_tasks())
     await browse(plc.url, only="Float")
     await eventually(lambda: len(asyncio.all_tasks()) == tasks)
 
-    server = await asyncio.start_server(lambda reader, writer: reader.read(), "127.0.0.1", 0)
+    server = await asyncio.start_server(silence, "127.0.0.1", 0)
     port = server.sockets[0].getsockname()[1]
     started = time.monotonic()
     with pytest.raises(LinkError, match="no answer"):

@@ -21,7 +21,7 @@ from softplc.errors import LinkError
 from softplc.sample import StatusCode
 from softplc.tags import Image
 from tests.drivers_opcua.conftest import StartPlc
-from tests.drivers_opcua.opened import ForwardClock, make_driver, opened, read, read_until
+from tests.drivers_opcua.opened import ForwardClock, Tag, make_driver, opened, read, read_until
 from tests.drivers_opcua.servers import NodePlc
 from tests.support.network import eventually, free_port
 
@@ -135,6 +135,15 @@ def _shows(driver: OpcUaDriver, image: Image, held: bool) -> bool:
     return image.statuses[:2].tolist() == [StatusCode.BAD_NODE_ID_UNKNOWN] * 2 and len(driver.problems) == 2
 
 
+async def test_a_good_tag_stays_good_while_a_wrong_one_at_the_same_variable_is_looked_for_again(plc: NodePlc):
+    clock = ForwardClock()
+    tags: list[Tag] = [(f"{AXIS}.Words", 1), (f"{AXIS}.Words", 9)]
+    async with opened(plc.url, tags, clock=clock) as driver:
+        for _ in range(30):
+            clock.ahead += REBIND
+            assert (await read(driver, 2)).statuses.tolist() == [StatusCode.GOOD, StatusCode.BAD_OUT_OF_RANGE]
+
+
 async def test_the_channels_token_is_renewed_and_reading_goes_on(plc: NodePlc):
     clock = ForwardClock()
     async with opened(plc.url, [f"{AXIS}.Float"], clock=clock) as driver:
@@ -233,7 +242,7 @@ async def test_a_cancelled_open_leaves_nothing_behind(plc: NodePlc):
         await asyncio.gather(opening, return_exceptions=True)
         await driver.close()
 
-    await eventually(lambda: (len(asyncio.all_tasks()), descriptors()) == (tasks, fds))
+    await eventually(lambda: len(asyncio.all_tasks()) <= tasks and descriptors() <= fds)
 
 
 @both_modes
@@ -245,7 +254,7 @@ async def test_twenty_connections_leave_no_task_no_descriptor_and_no_session(plc
             assert (await read(driver, 2)).values[0] == 0.5
 
     gc.collect()
-    await eventually(lambda: (len(asyncio.all_tasks()), descriptors()) == (tasks, fds))
+    await eventually(lambda: len(asyncio.all_tasks()) <= tasks and descriptors() <= fds)
     assert sessions(plc) <= before
 
 

@@ -46,6 +46,12 @@ async def test_a_user_logs_in_with_a_password_from_the_environment(
         security = OpcUaSecurity(certificate=str(certificate), private_key=str(key))
     async with opened(plc.url, TAGS, security=security, user=operator(monkeypatch, "secret")) as driver:
         assert (await read(driver, 1)).values[0] == 0.5
+        assert driver.remarks == ()  # this server has passwords encrypted on every channel
+
+
+async def test_a_password_in_clear_text_is_remarked_on(asyncua_plc: AsyncuaPlc, monkeypatch: pytest.MonkeyPatch):
+    async with opened(asyncua_plc.url, [], user=operator(monkeypatch, "secret")) as driver:
+        assert "clear text" in driver.remarks[0]
 
 
 async def test_a_wrong_password_is_a_link_error_that_does_not_show_it(plc: NodePlc, monkeypatch: pytest.MonkeyPatch):

@@ -123,6 +123,13 @@ async def test_a_queue_that_overflowed_shows_in_the_count_and_not_in_the_status(
         assert image.statuses[0] == 0
 
 
+async def test_a_server_that_samples_more_slowly_than_asked_is_remarked_on(plc: NodePlc):
+    async with opened(plc.url, [f"{AXIS}.Lazy"], mode="subscribe", sampling_ms=20.0) as driver:
+        assert driver.remarks == ("the server samples every 400 ms, 20 ms were asked for",)
+    async with opened(plc.url, [f"{AXIS}.Float"], mode="subscribe") as driver:
+        assert driver.remarks == ()
+
+
 async def test_a_slower_server_gets_a_keep_alive_that_fits_or_is_refused(plc: NodePlc):
     """This server publishes every 50 ms at the soonest."""
     hasty = {"mode": "subscribe", "publishing_ms": 1.0}

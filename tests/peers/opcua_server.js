@@ -67,7 +67,8 @@ async function main() {
     function add(name, dataType, more) {
         if (options.as && options.as[name]) dataType = DataType[options.as[name]];
         const variable = namespace.addVariable({
-            componentOf: axis, browseName: name, nodeId: `s=PLC.Axis.${name}`, dataType, minimumSamplingInterval: 5, ...more,
+            componentOf: axis, browseName: name, nodeId: `s=PLC.Axis.${name}`, dataType,
+            minimumSamplingInterval: 5, ...more,
         });
         variables[name] = variable;
         return variable;
@@ -118,6 +119,9 @@ async function main() {
             { dataType: DataType.Double, value: 0 }, StatusCodes.BadWaitingForInitialData),
         Label: () => add("Label", "LocaleId", {}).setValueFromSource(
             { dataType: DataType.String, value: "" }, StatusCodes.BadWaitingForInitialData),
+        Lazy: () => add("Lazy", DataType.Double, { minimumSamplingInterval: 400, value: {
+            timestamped_get: () => new DataValue({ value: { dataType: DataType.Double, value: 1 }, sourceTimestamp: new Date() }),
+        } }),
         Held: () => add("Held", DataType.Double, {}).setValueFromSource({ dataType: DataType.Double, value: 3 }),
     };
     for (const [name, [dataType, value]] of Object.entries(SCALARS)) makers[name] = constant(name, dataType, value);

@@ -143,9 +143,9 @@ def _misuse(variant: ua.Variant, index: int | None) -> str:
 
 
 async def _resolve(session: Session, bindings: Iterable[Binding]) -> None:
+    """Node ids of the addresses, as they are now; until the server answers, a binding keeps the node that it has."""
     paths: list[tuple[Binding, list[tuple[int, str]]]] = []
     for binding in bindings:
-        binding.node = None
         address = binding.address
         try:
             if isinstance(address, NodeIdAddress):
@@ -153,21 +153,21 @@ async def _resolve(session: Session, bindings: Iterable[Binding]) -> None:
             else:
                 paths.append((binding, [(_index(session, namespace), name) for namespace, name in address.steps]))
         except LookupError as error:
+            binding.node = None
             binding.lose(StatusCode.BAD_NODE_ID_UNKNOWN, f"{address}: {error.args[0]}")
     hints = HINTS
     for some in batches(paths, min(BATCH, session.limits.translate)):
         results = await session.translate([_browse_path(steps) for _, steps in some])
         for (binding, steps), result in zip(some, results, strict=True):
             targets = _targets(result)
-            if len(targets) == 1:
-                binding.node = targets[0]
-            elif targets:
+            binding.node = targets[0] if len(targets) == 1 else None
+            if len(targets) > 1:
                 found = ", ".join(target.to_string() for target in targets)
                 text = (
                     f"{binding.address}: leads to several nodes, {found}; expected a node id or an unambiguous path"
                 )
                 binding.lose(StatusCode.BAD_CONFIGURATION_ERROR, text)
-            else:
+            elif not targets:
                 text = explain(StatusCode.BAD_NODE_ID_UNKNOWN, binding.address)
                 if hints:
                     hints -= 1

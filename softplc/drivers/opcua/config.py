@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from typing import Annotated, Literal
+from urllib.parse import urlsplit
 
 from pydantic import Field, field_validator
 
@@ -70,9 +71,16 @@ class OpcUaSource(Model):
 
     @field_validator("url")
     @classmethod
-    def _has_no_secret(cls, url: str) -> str:
-        if "@" in url:
+    def _is_an_endpoint(cls, url: str) -> str:
+        parts = urlsplit(url)
+        if "@" in parts.netloc:
             raise ValueError("the address holds a user name or password; expected them under user:")
+        try:
+            named = parts.port != 0 and parts.hostname
+        except ValueError:
+            named = None
+        if not named:
+            raise ValueError(f"{parts.netloc} is no host and port; expected as in opc.tcp://192.168.0.10:4840")
         return url
 
     def build(

@@ -70,6 +70,7 @@ class OpcUaDriver:
             config.timeout_ms / 1000.0,
             max(SHORTEST_SESSION, 4.0 * period),
         )
+        self._sampling = period if config.sampling_ms is None else config.sampling_ms / 1000.0
         self._plan: list[_Batch] = []
         self._subscription: Subscription | None = None
         self._latest = Image(len(readings))
@@ -82,6 +83,17 @@ class OpcUaDriver:
     def problems(self) -> tuple[str, ...]:
         """What is wrong with single tags: what was found, what would be right. Changes while connected."""
         return tuple(binding.problem for binding in (*self._readings, *self._writings) if binding.problem)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What works, but not as one would wish: known once the driver is open."""
+        told: list[str] = []
+        if self._session.password_in_clear:
+            told.append("the password goes over the network in clear text; expected security: with SignAndEncrypt")
+        if self._subscription is not None and self._subscription.sampling > 1.5 * self._sampling:
+            slow, asked = self._subscription.sampling * 1000.0, self._sampling * 1000.0
+            told.append(f"the server samples every {slow:g} ms, {asked:g} ms were asked for")
+        return tuple(told)
 
     @property
     def skipped(self) -> int:
@@ -179,11 +191,10 @@ class OpcUaDriver:
     async def _monitor(self, bindings: Sequence[Binding]) -> None:
         """Have these reported where they exist; the others show why they are not."""
         assert self._subscription is not None
-        sampling = self._period if self._config.sampling_ms is None else self._config.sampling_ms / 1000.0
         ready = [binding for binding in bindings if binding.node is not None and not is_bad(binding.status)]
         handles = [self._readings.index(binding) for binding in ready]
         self._awaited |= set(handles)
-        await self._subscription.monitor(ready, handles, sampling, self._config.queue_size)
+        await self._subscription.monitor(ready, handles, self._sampling, self._config.queue_size)
         for binding in bindings:
             if not binding.monitored:
                 self._awaited.discard(self._readings.index(binding))

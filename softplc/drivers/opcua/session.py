@@ -24,6 +24,8 @@ DEFAULT_PORT: Final = 4840
 RENEW_AT: Final = 0.75
 """Part of a secure channel's lifetime after which its token is renewed (OPC 10000-4, 5.6.2.1)."""
 
+SIGN_AND_ENCRYPT: Final = ua.MessageSecurityMode.SignAndEncrypt
+NONE: Final = "#None"
 T = TypeVar("T")
 
 
@@ -53,7 +55,7 @@ class Session:
     def __init__(
         self, url: str, credentials: Credentials, clock: Clock, timeout: float, session_timeout: float
     ) -> None:
-        self.url = url if urlsplit(url).port else f"{url.rstrip('/')}:{DEFAULT_PORT}"
+        self.url = with_port(url)
         self.namespaces: list[str] = []
         self.limits = Limits()
         self._clock = clock
@@ -132,7 +134,17 @@ class Session:
 
     async def publish(self, acknowledgements: list[ua.SubscriptionAcknowledgement]) -> ua.PublishResponse:
         """Wait for the next notification or keep-alive, without timeout. Raises LinkError."""
-        return await self._call("Publish", self._transport.session.publish(acknowledgements))
+        response = await self._call("Publish", self._transport.session.publish(acknowledgements))
+        with link_errors(f"{self.url}: Publish"):
+            response.ResponseHeader.ServiceResult.check()
+        return response
+
+    @property
+    def password_in_clear(self) -> bool:
+        """True when the server has the password sent as it is, over a channel that does not encrypt."""
+        if self._credentials.password is None or self._client.security_policy.Mode == SIGN_AND_ENCRYPT:
+            return False
+        return str(self._client.server_policy(ua.UserTokenType.UserName).SecurityPolicyUri or NONE).endswith(NONE)
 
     @property
     def renewal_due(self) -> bool:
@@ -231,6 +243,12 @@ def link_errors(what: str) -> Iterator[None]:
         raise LinkError(f"{what}: {error.strerror or error}") from error
     except Exception as error:
         raise LinkError(f"{what}: {type(error).__name__}: {error}") from error
+
+
+def with_port(url: str) -> str:
+    """The address with the port that OPC-UA has registered, where it names none."""
+    parts = urlsplit(url)
+    return url if parts.port else parts._replace(netloc=f"{parts.netloc.rstrip(':')}:{DEFAULT_PORT}").geturl()
 
 
 def batches(items: Sequence[T], size: int) -> Iterator[Sequence[T]]:

@@ -167,7 +167,9 @@ class Subscription:
         parameters = response.Parameters
         message = parameters.NotificationMessage
         if parameters.SubscriptionId != self._id:
-            return []
+            raise LinkError(
+                f"{self._session.url}: subscription {parameters.SubscriptionId} reports, which is not ours"
+            )
         self.last_sign = self._clock.monotonic()
         if not message.NotificationData:
             return []  # a keep-alive
