@@ -128,3 +128,7 @@ class AoiObserver:
     def command(self, index: int, value: float) -> bool:
         """Take a written value for the tag at this index of `outputs`; False when it is none of the writable ones."""
         return self._group.enable.command(index, value)
+
+    def park(self, outputs: Image) -> None:
+        """Mark the estimates of every axis Bad: this observer failed and runs no more."""
+        self._group.park(outputs)

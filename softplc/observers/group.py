@@ -86,6 +86,10 @@ class AxisGroup:
         tags.row("Enabled")[:] = self.enable.state
         tags.write(scan, outputs, samples, time.timestamps, self.enable.state)
 
+    def park(self, outputs: Image) -> None:
+        """Every estimate is NaN and BadInternalError from here; Raw stays as it was last."""
+        self._tags.park(outputs)
+
     def _take_some(self, finite: NDArray[np.bool_]) -> None:
         """Take over the rows that stepped, predict those that did not, hold the others as they were."""
         tags, time = self._tags, self.time
@@ -193,3 +197,12 @@ class _Tags:
                 image[self._index] = own
             else:
                 image[self._run].reshape(own.shape[::-1])[:] = own.T
+
+    def park(self, outputs: Image) -> None:
+        """Mark the estimates in the outputs, and say why."""
+        estimates = self._index[self._estimates]
+        outputs.values[estimates] = np.nan
+        outputs.statuses[estimates] = StatusCode.BAD_INTERNAL_ERROR
+        for leaf, value in (("Quality", 0), ("Reason", Reason.INTERNAL_ERROR), ("Enabled", 0)):
+            outputs.values[self._index[self._rows[leaf]]] = value
+            outputs.statuses[self._index[self._rows[leaf]]] = StatusCode.GOOD

@@ -329,3 +329,13 @@ def test_age_counts_from_the_first_scan_while_nothing_has_arrived():
     rig.step()
     rig.fail(StatusCode.BAD_WAITING_FOR_INITIAL_DATA)
     assert rig.get("Age") == pytest.approx(0.05, abs=1e-9)
+
+
+def test_a_parked_observer_leaves_estimates_bad_and_says_so():
+    rig = make_rig()
+    rig.scan(1.0)
+    rig.observer.park(rig.outputs)
+    position = rig.outputs.sample(rig.table.index("A0.Position"))
+    assert (position.status, position.value != position.value) == (StatusCode.BAD_INTERNAL_ERROR, True)
+    assert rig.outputs.values[rig.table.index("A0.Quality")] == 0
+    assert rig.outputs.values[rig.table.index("A0.Reason")] == Reason.INTERNAL_ERROR
