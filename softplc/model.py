@@ -47,9 +47,9 @@ class Secret(Model):
 
     model_config = ConfigDict(json_schema_extra={"x-secret": True, "minProperties": 1, "maxProperties": 1})
 
-    env: str | None = None
+    env: Annotated[str, Field(min_length=1)] | None = None
     """Name of the environment variable that holds the secret."""
-    file: str | None = None
+    file: Annotated[str, Field(min_length=1)] | None = None
     """Path of a file whose first line is the secret."""
 
     @model_validator(mode="after")

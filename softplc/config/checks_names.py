@@ -87,13 +87,23 @@ def _references(facts: Facts) -> Iterator[Problem]:
         wanted = [(axis.block, axis.path, axis.text("task")) for axis in facts.axes]
         known = [name for name in tasks if name is not None]
         yield from _unknown("task", wanted, known, len(tasks) - len(known))
+    if "axes" not in facts.unknown:
+        known = [axis.name for axis in facts.axes if axis.name is not None]
+        placed = [
+            (block, (*publisher.path, *path), text_at(block, "axis"))
+            for publisher in facts.publishers
+            for path, block in items_at(publisher.block, "placements")
+            if isinstance(block, Mapping)
+        ]
+        yield from _unknown("axis", placed, known, len(facts.axes) - len(known))
 
 
 def _unknown(
     key: str, used: Iterable[tuple[Mapping, Path, str | None]], known: list[str], nameless: int
 ) -> Iterator[Problem]:
     """References to no entry. Entries without a readable name may be what is meant: then nothing is said."""
-    wrong = [(block, path, name) for block, path, name in used if name is not None and name not in set(known)]
+    names = set(known)
+    wrong = [(block, path, name) for block, path, name in used if name is not None and name not in names]
     if len({name for _, _, name in wrong}) <= nameless:
         return
     for block, path, name in wrong:

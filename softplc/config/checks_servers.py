@@ -97,11 +97,13 @@ def _places(facts: Facts, publisher: Item) -> Iterator[Problem]:
     """What the register map says to these tasks, sources and axes and to the places that axes are given."""
     if {"axes", "sources", "tasks"} & facts.unknown:
         return
+    names = list(dict.fromkeys(axis.name or f"{number}" for number, axis in enumerate(facts.axes)))
+    known = set(names)
     placed: list[tuple[str, int]] = []
     blocks = []
     for path, block in items_at(publisher.block, "placements"):
         axis, address = text_at(block, "axis"), _value(below(block, "address"))
-        if axis is not None and type(address) is int and address in range(0, REGISTERS, 2):
+        if axis is not None and axis in known and type(address) is int and address in range(0, REGISTERS, 2):
             placed.append((axis, address))
             blocks.append(((*publisher.path, *path), block))
     if len(placed) > AXES.most:
@@ -112,12 +114,10 @@ def _places(facts: Facts, publisher: Item) -> Iterator[Problem]:
         return
     tasks = {axis.text("task") or task_names(facts)[0] for axis in facts.axes}
     sources = {tag.source for tag in facts.tags}
-    names = list(dict.fromkeys(axis.name or f"{number}" for number, axis in enumerate(facts.axes)))
     try:
         place(len(tasks), len(sources), names, placed)
     except PlacementError as error:
         for number, text in error.problems:
             path, block = (publisher.path, publisher.block) if number is None else blocks[number]
-            key = "axis" if text.startswith("there is no axis") else "address"
-            node = below(block, key)
-            yield Problem(*at(node, block), (*path, key) if node is not None else path, shown(text, LONG))
+            node = below(block, "address")
+            yield Problem(*at(node, block), (*path, "address") if node is not None else path, shown(text, LONG))

@@ -49,7 +49,7 @@ class WritableEnable(Model):
     """Enable is a tag that a client may write (see the OPC-UA publisher's users)."""
 
     writable: Literal[True]
-    """true."""
+    """Clients that have logged in may write it."""
     initial: bool = True
     """State after start."""
 

@@ -10,6 +10,7 @@ from softplc.config.schema import CHOICES, EXPECTED, SECRET, Fragment, resolved
 from softplc.config.tree import Mapping, Node, Scalar, Sequence
 
 NEAR: Final = 0.65  # similarity from which a name is worth a guess
+MOST_LISTED: Final = 20
 SURE: Final = 0.75  # similarity from which the guess is taken to go on with
 _SYNONYMS: Final = {
     "slave": "unit_id",
@@ -78,8 +79,11 @@ def keys_of(root: Fragment, members: Iterable[Fragment]) -> list[str]:
 
 def choice(names: Iterable[str]) -> str:
     """`opcua`, or `one of opcua, modbus, replay`."""
-    listed = list(dict.fromkeys(names))
-    return listed[0] if len(listed) == 1 else f"one of {', '.join(listed)}"
+    listed = [shown(name) for name in dict.fromkeys(names)]
+    if len(listed) == 1:
+        return listed[0]
+    more = f" and {len(listed) - MOST_LISTED} more" if len(listed) > MOST_LISTED else ""
+    return f"one of {', '.join(listed[:MOST_LISTED])}{more}"
 
 
 def _number(fragment: Fragment, unit: str) -> str:
@@ -135,7 +139,8 @@ def found(node: Node | None) -> str:
     if isinstance(node, Mapping):
         return "a block of keys" if node.entries else "an empty block {}"
     if isinstance(node, Sequence):
-        return f"a list of {len(node.items)} entries" if node.items else "an empty list"
+        entries = "entry" if len(node.items) == 1 else "entries"
+        return f"a list of {len(node.items)} {entries}" if node.items else "an empty list"
     if not isinstance(node, Scalar) or node.value is None:
         return "nothing"
     if isinstance(node.value, str):

@@ -153,3 +153,33 @@ def test_any_model_is_read_with_the_same_care(tmp_path: Path) -> None:
         '1:7: grams: found the text "3", expected a number; remove the quotes',
         "2:9: steps[0]: found 1, expected a text; put it in quotes when it is meant as text",
     ]
+
+
+def test_a_report_ends_after_a_thousand_errors_and_says_how_many_more_there_are(tmp_path: Path) -> None:
+    lines = report(written(tmp_path, (GOOD + "".join(f"strange{n}: 1\n" for n in range(1500))).encode()))
+
+    assert len(lines) == 1001
+    assert lines[0] == (
+        "x.yaml:7:1: strange0: unknown key, expected one of tasks, sources, axes, publishers, realtime, log"
+    )
+    assert lines[-1] == "x.yaml:1007:1: (file): 500 more errors follow; mend these first"
+
+
+def test_a_long_list_of_names_is_cut(tmp_path: Path) -> None:
+    axes = "".join(
+        f"  - {{name: B{n}, input: {{source: plc1, node: i={n}}}, observer: {{type: aoi, r_x: 1}}}}\n"
+        for n in range(99)
+    )
+    servers = "publishers:\n  - {type: modbus, placements: [{axis: Quite_another, address: 4000}]}\n"
+
+    (line,) = report(written(tmp_path, (GOOD + axes + servers).encode()))
+
+    assert line.endswith(", B17, B18 and 80 more")
+
+
+def test_aliases_cannot_nest_deeper_than_lists(tmp_path: Path) -> None:
+    deep = "[" * 20 + "]" * 20
+
+    lines = report(written(tmp_path, f"{GOOD}a: &a {deep}\nb: {'[' * 20}*a{']' * 20}\n".encode()))
+
+    assert any("*a makes more than 32 levels here" in line for line in lines)

@@ -8,6 +8,7 @@ import jsonschema
 import pytest
 from ruamel.yaml import YAML
 
+from softplc.app.demo import PORTS, demo_config
 from softplc.config import schema
 from softplc.config.load import load
 from softplc.config.models import Config, WritableEnable
@@ -97,6 +98,10 @@ def test_demo_is_the_experiment_of_the_paper_over_both_protocols() -> None:
         ("opcua", 4840),
         ("modbus", 5020),
     ]
+
+
+def test_demo_is_what_the_demo_command_runs() -> None:
+    assert load(FOLDER / "demo.yaml") == demo_config(PORTS)
 
 
 def test_plant_shows_most_of_what_can_be_configured() -> None:
