@@ -137,7 +137,8 @@ def _shows(driver: OpcUaDriver, image: Image, held: bool) -> bool:
 
 async def test_a_good_tag_stays_good_while_a_wrong_one_at_the_same_variable_is_looked_for_again(plc: NodePlc):
     clock = ForwardClock()
-    tags: list[Tag] = [(f"{AXIS}.Words", 1), (f"{AXIS}.Words", 9)]
+    words = "/Objects/2:PLC/2:Axis/2:Words"
+    tags: list[Tag] = [(words, 1), (words, 9)]
     async with opened(plc.url, tags, clock=clock) as driver:
         for _ in range(30):
             clock.ahead += REBIND
