@@ -20,6 +20,16 @@ class Driver(Protocol):
     that protocol's tag models; `read` and `write` address them by position.
     """
 
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What is wrong with single tags, in words; changes while connected."""
+        ...
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What works, but not as one would wish, in words; known once the driver is open."""
+        ...
+
     async def open(self) -> None:
         """Connect, resolve every tag and check its type.
 

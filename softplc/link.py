@@ -143,6 +143,8 @@ class Link:
             self._driver = driver
             self.statistics.connected = True
             self._told.up()
+            self._told.words("remark", driver.remarks)
+            self._told.words("tag problem", driver.problems)
             return True
         if driver is not None:
             self._close(driver)
@@ -197,7 +199,8 @@ class Link:
             return
         if driver is not self._driver:
             return
-        self._told.tags(self._readings, self.samples.statuses, self._incoming.statuses)
+        if self._told.tags(self._readings, self.samples.statuses, self._incoming.statuses):
+            self._told.words("tag problem", driver.problems)
         self.samples, self._incoming = self._incoming, self.samples
         self._incoming.values[:] = self.samples.values
         self._incoming.statuses[:] = self.samples.statuses
@@ -242,6 +245,7 @@ class _Told:
         self._window = -60.0
         self._logged = 0
         self._suppressed = 0
+        self._words: set[str] = set()
 
     def up(self) -> None:
         self._state = None
@@ -253,13 +257,22 @@ class _Told:
             self._state = reason
             self._tell(event, "warning", reason=reason)
 
-    def tags(self, names: Sequence[str], before: NDArray[np.uint32], after: NDArray[np.uint32]) -> None:
+    def tags(self, names: Sequence[str], before: NDArray[np.uint32], after: NDArray[np.uint32]) -> bool:
+        """Tell which tags became Bad or usable again; True when any did."""
         was, now = before >= StatusCode.BAD, after >= StatusCode.BAD
         for position in np.flatnonzero(was != now):
             if now[position]:
                 self._tell("tag bad", "warning", tag=names[int(position)], status=_hex(int(after[position])))
             elif before[position] not in _EXPECTED_BEFORE_DATA:
                 self._tell("tag good again", "info", tag=names[int(position)])
+        return bool((was != now).any())
+
+    def words(self, event: str, texts: Sequence[str]) -> None:
+        """Tell texts that were not told before."""
+        for text in texts:
+            if text not in self._words:
+                self._words.add(text)
+                log.warning(event, source=self._source, text=text)
 
     def _tell(self, event: str, level: str, **fields: str) -> None:
         now = self._clock.monotonic()

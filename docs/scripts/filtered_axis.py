@@ -72,12 +72,20 @@ def _client(endpoint: str) -> ModbusTcpClient:
 def draw(rows: np.ndarray, output: Path) -> None:
     """Position above, velocity below; grey measured, orange filtered, black true."""
     t, raw, position, velocity, true_position, true_velocity = rows.T
-    figure, (above, below) = plt.subplots(2, 1, figsize=(12, 6), sharex=True, layout="constrained")
-    above.plot(t, raw, color="#b0b0b0", linewidth=1, label="measured")
-    above.plot(t, true_position, color="black", linewidth=0.8, linestyle="--", label="true")
-    above.plot(t, position, color="#e8710a", linewidth=1.8, label="filtered (softplc)")
+    figure = plt.figure(figsize=(12, 6.5), layout="constrained")
+    grid = figure.add_gridspec(2, 5)
+    above, corner, below = (figure.add_subplot(grid[cells]) for cells in (np.s_[0, :3], np.s_[0, 3:], np.s_[1, :]))
+    stop = t[np.argmax((true_velocity == 0.0) & (t > 5.0))]
+    for axis in (above, corner):
+        axis.plot(t, raw, color="#b0b0b0", linewidth=1, label="measured")
+        axis.plot(t, true_position, color="black", linewidth=0.9, linestyle="--", label="true")
+        axis.plot(t, position, color="#e8710a", linewidth=1.8, label="filtered (softplc)")
     above.set_ylabel("position, mm")
     above.legend(loc="upper left", frameon=False)
+    corner.set_xlim(stop - 1.5, stop + 4.0)
+    at_rest = true_position[np.argmax(t >= stop)]
+    corner.set_ylim(at_rest - 14, at_rest + 5)
+    corner.set_title("the stop, enlarged", fontsize=10)
     difference = np.diff(raw) / np.maximum(np.diff(t), 1e-3)
     below.plot(t[1:], difference, color="#d8d8d8", linewidth=0.8, label="difference of two samples")
     below.plot(t, true_velocity, color="black", linewidth=0.8, linestyle="--", label="true")
@@ -86,7 +94,7 @@ def draw(rows: np.ndarray, output: Path) -> None:
     below.set_ylabel("velocity, mm/s")
     below.set_xlabel("time, s")
     below.legend(loc="upper right", frameon=False, ncols=3)
-    for axis in (above, below):
+    for axis in (above, corner, below):
         axis.grid(alpha=0.25)
     output.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(output, dpi=100)

@@ -35,15 +35,16 @@ def describe(config: Config) -> list[dict[str, Any]]:
     return rows
 
 
-def read_once(config: Config) -> list[dict[str, Any]]:
+def read_once(config: Config) -> tuple[list[dict[str, Any]], list[str]]:
     """One row for each tag that softplc would read: value, unit, status, source timestamp, age in seconds.
 
-    A source that cannot be reached gives rows with the reason under `error`.
+    A source that cannot be reached gives rows with the reason under `error`. The texts beside the rows are what the
+    drivers have to say: what is wrong with a tag, and what works, but not as one would wish.
     """
     return asyncio.run(_read_once(config))
 
 
-async def _read_once(config: Config) -> list[dict[str, Any]]:
+async def _read_once(config: Config) -> tuple[list[dict[str, Any]], list[str]]:
     clock = SystemClock()
     units = {f"{axis.name}.Raw": axis.unit for axis in config.axes}
     layout = build_layout(config)
@@ -52,16 +53,17 @@ async def _read_once(config: Config) -> list[dict[str, Any]]:
         groups = await asyncio.gather(*(_read_source(task, source, units, clock) for task, source in sources))
     finally:
         clock.close()
-    return [row for group in groups for row in group]
+    return [row for rows, _ in groups for row in rows], [text for _, texts in groups for text in texts]
 
 
 async def _read_source(
     task: TaskLayout, layout: SourceLayout, units: dict[str, str], clock: Clock
-) -> list[dict[str, Any]]:
+) -> tuple[list[dict[str, Any]], list[str]]:
     source = layout.source
     image = Image(len(layout.readings))
     driver = source.build(list(layout.readings), layout.writings, clock, task.task.period_ms / 1e3)
     error = ""
+    texts: list[str] = []
     try:
         async with asyncio.timeout(getattr(source, "connect_timeout_ms", 10_000.0) / 1e3):
             await driver.open()
@@ -69,13 +71,16 @@ async def _read_source(
     except (LinkError, TimeoutError) as problem:
         error = str(problem) or "no answer within the time limit"
         image.fail(StatusCode.BAD_NO_COMMUNICATION)
+    else:
+        texts = [f"{source.name}: {text}" for text in (*driver.problems, *driver.remarks)]
     finally:
         await driver.close()
     now = clock.utc_ns()
-    return [
+    rows = [
         _row(name, source.name, str(tag), units.get(name, ""), image.sample(position), now, error)
         for position, (name, tag) in enumerate(zip(layout.reading_names, layout.readings, strict=True))
     ]
+    return rows, texts
 
 
 async def _first_data(driver: Any, image: Image, clock: Clock) -> None:

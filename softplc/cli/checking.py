@@ -22,11 +22,13 @@ def check(path: Path, *, connect: bool, as_json: bool) -> int:
             print_table(rows, ("axis", "task", "period_ms", "source", "tag", "unit", "observer"))
         messages.print(f"{path}: valid", style="green")
         return 0
-    rows = read_once(config)
+    rows, texts = read_once(config)
     if as_json:
         print_json(rows)
     else:
         print_table(rows, ("tag", "source", "address", "value", "unit", "status", "source_timestamp", "age_s"))
+    for text in texts:
+        messages.print(text, style="yellow", markup=False)
     unreachable = {str(row["source"]): str(row["error"]) for row in rows if row["error"]}
     for source, error in unreachable.items():
         messages.print(f"{source}: {error}", style="red", markup=False)
@@ -54,7 +56,9 @@ def browse(url: str, contains: str, *, yaml: bool, user: str | None, as_json: bo
             "path": variable.path,
             "node_id": variable.node,
             "node_id_by_uri": variable.node_by_uri,
-            "data_type": variable.data_type if variable.length is None else f"{variable.data_type}[{variable.length}]",
+            "data_type": variable.data_type
+            if variable.length is None
+            else f"{variable.data_type}[{variable.length}]",
             "value": variable.value,
             "status": status_name(variable.status),
             "writable": variable.writable,

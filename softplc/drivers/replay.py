@@ -56,6 +56,9 @@ class ReplayDriver:
     on the wall clock of the moment it was opened.
     """
 
+    problems: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
     def __init__(self, source: ReplaySource, readings: Sequence[ReplayTag], clock: Clock) -> None:
         self._source, self._readings, self._clock = source, readings, clock
         self._times: NDArray[np.float64] = np.empty(0)

@@ -33,6 +33,9 @@ class Device:
 class DeviceDriver:
     """One connection to a Device."""
 
+    problems: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
     def __init__(self, device: Device) -> None:
         self._device = device
 

@@ -29,6 +29,9 @@ _SEARCH_SHARE: Final = 0.25  # of a read's time limit, for finding which address
 class ModbusDriver:
     """One connection to one unit of a Modbus device, over TCP, a serial line, or a serial line behind TCP."""
 
+    problems: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
     def __init__(
         self, config: ModbusSource, readings: Sequence[ModbusTag], writings: Sequence[ModbusTag], clock: Clock
     ) -> None:
