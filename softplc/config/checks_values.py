@@ -1,4 +1,4 @@
-"""Values that fit their keys but not each other: ranges, bleed, scales, ports."""
+"""Values that fit their keys but not each other: ranges, bleed, scales."""
 
 from collections.abc import Iterator
 from urllib.parse import urlsplit
@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 from softplc.config import words
 from softplc.config.checks_names import at
 from softplc.config.facts import Facts, Item
-from softplc.config.problem import Problem, shown
+from softplc.config.problem import Problem
 from softplc.config.tree import Node, Scalar, Sequence, below
 
 
@@ -19,17 +19,6 @@ def check(facts: Facts) -> Iterator[Problem]:
         scale = below(tag.block, "scale")
         if scale is not None and number(scale) == 0:
             yield Problem(*at(scale, scale), (*tag.path, "scale"), "found 0, expected any other number")
-    for source in facts.sources:
-        yield from _url(source)
-
-
-def _url(source: Item) -> Iterator[Problem]:
-    url = below(source.block, "url")
-    if not isinstance(url, Scalar) or not isinstance(url.value, str):
-        return
-    if url.value.startswith("opc.tcp://") and "@" not in url.value and host_and_port(url.value, 4840) is None:
-        text = f'found "{shown(url.value)}", expected a host and a port from 1 to 65535, as in opc.tcp://192.168.0.10:4840'
-        yield Problem(*at(url, url), (*source.path, "url"), text)
 
 
 def number(node: Node | None) -> float | None:

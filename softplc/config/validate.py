@@ -63,7 +63,9 @@ def _judge(root: Node, top: Fragment, error: Any) -> Iterator[Judged]:
     elif CHOICES in fragment and isinstance(node, Mapping):
         yield from _unknown_member(top, place, node)
     elif kind in ("value_error", "assertion_error"):
-        yield _problem(place, shown(str(error["ctx"]["error"]), LONG)), None
+        text = shown(str(error["ctx"]["error"]), LONG)
+        quotes_a_login = place.secret and "@" in text
+        yield _wrong_value(top, place) if quotes_a_login else _problem(place, text), None
     elif isinstance(node, Scalar) and ("enum" in fragment or "const" in fragment):
         yield misspelt_word(node, place.path, words.values(fragment))
     elif not (isinstance(node, Mapping | Sequence) and node.partial):
