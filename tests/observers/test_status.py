@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softplc.observers.aoi import AoiConfig
-from softplc.observers.axes import AxisSpec
+from softplc.observers.axes import AxisSpec, DtSource
 from softplc.sample import Reason, StatusCode
 from tests.observers.rig import ESTIMATES, Rig, make_rig
 
@@ -292,8 +292,16 @@ def test_a_state_from_a_skipped_update_is_not_good_while_it_is_carried_on():
     assert rig.outcome() == (StatusCode.UNCERTAIN_SUB_NORMAL, Reason.INNOVATION_VARIANCE)
 
 
-def test_no_usable_time_step_at_the_start_passes_the_position_through():
-    rig = make_rig()
+def test_an_axis_whose_first_scan_already_overflows_has_nothing_to_show():
+    config = AoiConfig(type="aoi", q_x=1.5e308, r_x=1.5e308)  # S is infinite
+    rig = make_rig((AxisSpec("A0"), config))
+    rig.scan(1.0)
+    assert rig.outcome() == (StatusCode.BAD_OUT_OF_RANGE, Reason.NOT_FINITE)
+
+
+@pytest.mark.parametrize("dt_source", ["scan", "source", "arrival"])
+def test_no_usable_time_step_at_the_start_passes_the_position_through(dt_source: DtSource):
+    rig = make_rig(AxisSpec("A0", dt_source=dt_source))
     rig.scan(3.0, dt=0.0)
     assert rig.outcome() == (StatusCode.UNCERTAIN_SUB_NORMAL, Reason.DT_INVALID)
     assert (rig.get("Position"), rig.get("Velocity")) == (3.0, 0.0)
@@ -309,6 +317,25 @@ def test_a_fault_on_one_axis_leaves_the_others_good():
     assert outcomes[0] == outcomes[2] == (StatusCode.GOOD, Reason.NONE)
     assert outcomes[1] == (StatusCode.UNCERTAIN_LAST_USABLE_VALUE, Reason.INPUT_NOT_FINITE)
     assert [rig.get(leaf, 2) for leaf in ESTIMATES] == estimates(alone)
+
+
+def test_an_axis_holds_its_outputs_also_when_another_never_ran():
+    rig = make_rig(AxisSpec("A0"), AxisSpec("A1"))
+    for k in range(RAN):
+        rig.scan(0.5 * k, math.nan)
+    before = estimates(rig)
+
+    rig.scan(math.nan, math.nan)
+
+    assert rig.outcome(0) == (StatusCode.UNCERTAIN_LAST_USABLE_VALUE, Reason.INPUT_NOT_FINITE)
+    assert rig.outcome(1) == (StatusCode.BAD_OUT_OF_RANGE, Reason.INPUT_NOT_FINITE)
+    assert estimates(rig) == before
+
+
+def test_a_last_usable_value_that_never_arrived_is_no_evidence():
+    rig = make_rig()
+    rig.scan(5.0, status=StatusCode.UNCERTAIN_LAST_USABLE_VALUE, arrival=math.nan)
+    assert rig.outcome() == (StatusCode.BAD_WAITING_FOR_INITIAL_DATA, Reason.STALE)
 
 
 def test_age_is_the_time_since_the_newest_arrival_and_survives_a_lost_connection():

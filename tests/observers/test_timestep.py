@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -54,8 +55,9 @@ def test_every_dt_source_uses_the_measured_interval(dt_source: DtSource):
     assert steps == pytest.approx([0.05, 0.061, 0.043, 0.05], abs=1e-8)  # stamps are whole ns
 
 
-def test_time_without_a_usable_sample_is_not_lost():
-    rig = make_rig(axis())
+@pytest.mark.parametrize(("dt_source", "on_repeat"), MODES)
+def test_time_without_a_usable_sample_is_not_lost(dt_source: DtSource, on_repeat: OnRepeat):
+    rig = make_rig(axis(dt_source, on_repeat))
     ramp(rig, 20.0)
 
     for _ in range(10):
@@ -178,6 +180,18 @@ def test_a_frozen_stamp_under_new_values_steps_by_measured_time():
     assert rig.get("Velocity") == pytest.approx(SPEED, abs=1e-4)
 
 
+def test_stamps_in_whole_seconds_add_up_to_the_time_that_passed():
+    rig = make_rig(axis("source", "predict"))
+    steps = []
+    for _ in range(400):
+        rig.scan(SPEED * rig.next, stamp=math.floor(rig.next))
+        if rig.outcome()[1] != Reason.PREDICTED:  # once a second nothing is left of the stamps' difference
+            steps.append(rig.get("Dt"))
+    assert sum(steps) == pytest.approx(20.0, abs=0.11)  # the first scan's 0.05, and what the last stamp leaves open
+    assert max(steps) < 0.11
+    assert rig.get("Velocity") == pytest.approx(SPEED, abs=0.1)
+
+
 @pytest.mark.parametrize("dt_source", DT_SOURCES)
 def test_a_stamp_that_is_missing_steps_by_measured_time(dt_source: DtSource):
     rig = make_rig(axis(dt_source))
@@ -281,6 +295,105 @@ def test_a_repeated_value_counts_as_held_after_held_after(dt_source: DtSource):
 
     assert reasons == [Reason.PREDICTED] * 4 + [Reason.NONE] * 3
     assert steps[4:] == pytest.approx([0.25, 0.05, 0.05])  # the first makes up for the predicted scans
+
+
+def test_predicting_for_longer_than_reinit_after_is_no_gap():
+    rig = make_rig(axis("source", "predict", held_after=10.0, reinit_after=1.0))
+    ramp(rig, 10.0)
+    for _ in range(40):
+        rig.again()
+        assert rig.outcome()[1] == Reason.PREDICTED
+
+    rig.scan(SPEED * rig.next)
+
+    assert rig.outcome()[1] == Reason.NONE
+    assert rig.get("Dt") == pytest.approx(2.05)
+    assert rig.get("Velocity") == pytest.approx(SPEED, abs=1e-4)
+
+
+@pytest.mark.parametrize(("dt_source", "on_repeat"), MODES)
+def test_scans_without_a_reply_are_made_up_for_by_the_next_sample(dt_source: DtSource, on_repeat: OnRepeat):
+    rig = make_rig(axis(dt_source, on_repeat))
+    ramp(rig, 10.0)
+    for _ in range(5):
+        rig.again(StatusCode.UNCERTAIN_LAST_USABLE_VALUE)
+
+    rig.scan(SPEED * rig.next)
+
+    assert rig.outcome()[1] == Reason.NONE
+    assert rig.get("Dt") == pytest.approx(0.3)
+    assert rig.get("Velocity") == pytest.approx(SPEED, abs=1e-4)
+
+
+@pytest.mark.parametrize(("dt_source", "on_repeat"), MODES)
+def test_enabling_again_forgets_how_long_the_value_was_held(dt_source: DtSource, on_repeat: OnRepeat):
+    rig = make_rig(replace(axis(dt_source, on_repeat), enable_writable=True))
+    ramp(rig, 5.0)
+    for _ in range(100):
+        rig.again()
+    for enable in (0.0, 1.0):
+        rig.observer.command(rig.table.index("A0.Enable"), enable)
+        rig.again()
+    assert rig.outcome()[1] == Reason.INITIALISING
+
+    rig.again()
+    assert rig.outcome()[1] == (Reason.PREDICTED if on_repeat == "predict" else Reason.NONE)
+
+
+@pytest.mark.parametrize(("dt_source", "on_repeat"), MODES)
+@pytest.mark.parametrize("held", [0.5, 30.0])
+def test_time_before_a_start_on_an_old_sample_is_not_stepped_afterwards(
+    dt_source: DtSource, on_repeat: OnRepeat, held: float
+):
+    """The axis stands still and is enabled: the next stamp's difference reaches back to before the start."""
+    rig = make_rig(replace(axis(dt_source, on_repeat), enable_writable=True))
+    ramp(rig, 5.0)
+    rig.observer.command(rig.table.index("A0.Enable"), 0.0)
+    for _ in range(round(held / 0.05)):
+        rig.again()
+    rig.observer.command(rig.table.index("A0.Enable"), 1.0)
+    rig.again()
+    assert rig.outcome()[1] == Reason.INITIALISING
+
+    rig.scan(rig.get("Raw") + 0.5)
+
+    assert rig.outcome()[1] == Reason.NONE
+    assert rig.get("Dt") == pytest.approx(0.05)
+
+
+def test_a_start_on_a_new_stamp_owes_nothing_to_what_was_held_before():
+    rig = make_rig(replace(axis("source"), enable_writable=True))
+    ramp(rig, 5.0)
+    rig.observer.command(rig.table.index("A0.Enable"), 0.0)
+    for _ in range(10):
+        rig.again()
+    rig.observer.command(rig.table.index("A0.Enable"), 1.0)
+    stamp = rig.next - 0.1
+
+    rig.scan(0.0, stamp=stamp)
+    rig.scan(0.5, stamp=stamp + 0.05)
+
+    assert rig.outcome()[1] == Reason.NONE
+    assert rig.get("Dt") == pytest.approx(0.05)
+
+
+def test_only_scans_on_a_live_link_count_towards_held_after():
+    rig = make_rig(axis("source", "predict", held_after=0.22))
+    ramp(rig, 5.0)
+    for status in (StatusCode.GOOD, *[StatusCode.UNCERTAIN_LAST_USABLE_VALUE] * 10, StatusCode.GOOD):
+        rig.again(status)
+    assert rig.outcome()[1] == Reason.PREDICTED
+
+
+def test_a_rejected_sample_in_between_does_not_make_a_repeated_one_new():
+    rig = make_rig(axis("source", "predict"))
+    ramp(rig, 5.0)
+    z, stamp = rig.get("Raw"), rig.now
+
+    rig.scan(math.nan, stamp=stamp)
+    rig.scan(z, stamp=stamp)
+
+    assert rig.outcome()[1] == Reason.PREDICTED
 
 
 def test_on_repeat_update_takes_a_repeated_sample_as_a_measurement_of_a_held_value():
