@@ -13,7 +13,12 @@ OnRepeat = Literal["update", "predict"]
 
 @dataclass(frozen=True, slots=True)
 class AxisSpec:
-    """One axis as the observer sees it: no protocol, no file. Times in seconds."""
+    """One axis as the observer sees it: no protocol, no file. Times in seconds.
+
+    `range`: samples outside are rejected. `enable`: the state at start, until a client or an enable tag changes it.
+    `held_after`: repetition after which `predict` takes a value as held. `reinit_after`: time without a usable
+    sample, beside the task's period, after which the observer starts anew.
+    """
 
     name: str
     unit: str = ""

@@ -32,11 +32,12 @@ class TimeStep:
         self._pending = np.zeros(n)  # measured time since the last step
         self._unseen = np.zeros(n)  # measured time since the last usable sample
         self._repeated_for = np.zeros(n)
-        self._ahead = np.zeros(n)  # how far the state is ahead of the stamp of the last used sample
+        self._ahead = np.zeros(n)  # how far the state's time is ahead of the last used sample's stamp
         self._z = np.full(n, np.nan)  # the last used sample
         self._arrivals = np.full(n, np.nan)
-        self._a, self._b = np.zeros(n), np.zeros(n)
+        self._gap = np.zeros(n)
         self._flag: Flags = np.zeros(n, np.bool_)
+        self._running: Flags = np.zeros(n, np.bool_)
 
         self.timestamps = np.zeros(n, np.int64)
         self.dt = np.zeros(n)
@@ -51,23 +52,22 @@ class TimeStep:
         self._unseen += elapsed
 
         # Start again after disable, and after too long without a usable sample: a scan's own period is no gap.
-        np.subtract(self._unseen, scan.period, out=self._a)
-        np.less_equal(self._a, self._reinit_after, out=self._flag)
+        np.subtract(self._unseen, scan.period, out=self._gap)
+        np.less_equal(self._gap, self._reinit_after, out=self._flag)
         np.logical_and(init, self._flag, out=init)
         np.logical_and(init, enabled, out=init)
 
-        np.logical_and(usable, init, out=self._flag)  # those that go on from where they are
+        running = np.logical_and(usable, init, out=self._running)  # those that go on from where they are
         if self._by_scan_only:
             np.copyto(self.dt, self._pending)
             np.less_equal(self.dt, 0.0, out=self.predict)
+            np.logical_and(self.predict, running, out=self.predict)
         else:
-            self._measure(scan, elapsed, samples, usable)
-        np.logical_and(self.predict, self._flag, out=self.predict)
+            self._measure(scan, elapsed, samples)
         np.greater(usable, self.predict, out=self.rows)
-        if not self._flag.all():
-            started = self.rows & ~self._flag
+        if not running.all():
+            started = self.rows & ~running  # or disabled
             self.dt[started] = np.where(enabled[started], elapsed, 0.0)
-            self._ahead[started] = 0.0
             self._repeated_for[started] = 0.0
         np.copyto(self.dt, self._pending, where=self.predict)
 
@@ -77,8 +77,9 @@ class TimeStep:
         np.copyto(self._z, samples.z, where=usable)
         np.copyto(self._arrivals, samples.arrivals, where=usable)
 
-    def _measure(self, scan: Scan, elapsed: float, samples: Judgement, usable: Flags) -> None:
+    def _measure(self, scan: Scan, elapsed: float, samples: Judgement) -> None:
         """`dt` and `predict` of running axes where timestamps or repeated samples matter."""
+        usable, running = samples.usable, self._running
         since = np.where(
             self._by_arrival,
             samples.arrivals - self._arrivals,
@@ -87,21 +88,19 @@ class TimeStep:
         same_stamp = since == 0.0
         # A frozen stamp under a new value is a new sample with a useless stamp, not a repetition.
         repeated = same_stamp & ((samples.arrivals == self._arrivals) | (samples.z == self._z))
-        self._repeated_for = np.where(
-            usable, np.where(repeated, self._repeated_for + elapsed, 0.0), self._repeated_for
-        )
-        predict = repeated & self._may_predict & (self._repeated_for < self._held_after)
+        repeated_for = np.where(repeated, self._repeated_for + elapsed, 0.0)
+        np.copyto(self._repeated_for, repeated_for, where=usable)
+        predict = running & repeated & self._may_predict & (repeated_for < self._held_after)
 
         # The stamps' own interval, less what was already stepped on repetitions. Backwards, or further ahead of our
         # own clock than an axis may be without samples: the source's clock was set, our measured time serves.
         rest = since - self._ahead
         sound = self._by_stamp & (since > 0.0) & (rest <= self._pending + self._reinit_after)
         self.dt[:] = np.where(sound, rest, self._pending)
-        self.predict[:] = predict | (self.dt <= 0.0)
+        self.predict[:] = predict | (running & (self.dt <= 0.0))
 
-        # What is left when the state is ahead of the new stamp is carried; above one period it is two clocks
-        # that run apart.
-        ahead = np.where(
-            sound, np.clip(-rest, 0.0, scan.period), np.where(same_stamp, self._ahead + self._pending, 0.0)
-        )
-        self._ahead = np.where(usable & ~predict, ahead, self._ahead)
+        # A state that steps, or starts, on a stamp that did not move gets ahead of it. What is left over when the
+        # stamp moves is carried; above one period it is two clocks that run apart.
+        carried = np.where(sound & running, np.clip(-rest, 0.0, scan.period), 0.0)
+        ahead = np.where(same_stamp, self._ahead + self._pending, carried)
+        np.copyto(self._ahead, ahead, where=usable & ~predict)
