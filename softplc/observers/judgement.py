@@ -19,7 +19,10 @@ _NO_COMMUNICATION: Final = (
     StatusCode.BAD_TIMEOUT,
 )
 _CONFIGURATION: Final = (
+    StatusCode.BAD_USER_ACCESS_DENIED,
+    StatusCode.BAD_NODE_ID_INVALID,
     StatusCode.BAD_NODE_ID_UNKNOWN,
+    StatusCode.BAD_ATTRIBUTE_ID_INVALID,
     StatusCode.BAD_TYPE_MISMATCH,
     StatusCode.BAD_NOT_READABLE,
     StatusCode.BAD_CONFIGURATION_ERROR,
