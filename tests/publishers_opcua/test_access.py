@@ -59,8 +59,8 @@ async def test_an_anonymous_client_writes_no_value_of_any_node(served: Served, a
 
     assert len(items) > 6000  # the standard's nodes and ours
     assert {CODES.BadNotWritable, CODES.BadAttributeIdInvalid, CODES.BadUserAccessDenied} == set(statuses)
-    assert 1 == statuses.count(CODES.BadUserAccessDenied)  # the one writable tag
-    assert [] == served.exchange.writer.commands()
+    assert statuses.count(CODES.BadUserAccessDenied) == 1  # the one writable tag
+    assert served.exchange.writer.commands() == []
 
 
 @pytest.mark.parametrize("who", ["anonymous", "engineer"])
@@ -99,8 +99,8 @@ async def test_a_configured_user_writes_enable_and_it_arrives_as_a_command(serve
 
     assert CODES.GoodCompletesAsynchronously == status
     assert [(index, 0.0)] == served.exchange.writer.commands()
-    assert [("opcua write", "engineer", "AxisY.Enable", 0.0)] == [
-        (entry["event"], entry["user"], entry["tag"], entry["value"]) for entry in logs
+    assert [(entry["event"], entry["user"], entry["tag"], entry["value"]) for entry in logs] == [
+        ("opcua write", "engineer", "AxisY.Enable", 0.0)
     ]
     node = engineer.get_node(ENABLE)
     assert await node.read_value() is True  # the published value is the scan process' word
@@ -111,11 +111,13 @@ async def test_a_configured_user_writes_enable_and_it_arrives_as_a_command(serve
 
 async def test_a_configured_user_writes_nothing_else(served: Served, engineer: Client) -> None:
     items = [
-        (ua.NodeId(tag.name, 2), VALUE, ua.DataValue(ua.Variant(1.0))) for tag in served.exchange.table if not tag.writable
+        (ua.NodeId(tag.name, 2), VALUE, ua.DataValue(ua.Variant(1.0)))
+        for tag in served.exchange.table
+        if not tag.writable
     ]
 
     assert {CODES.BadNotWritable} == set(await write(engineer, items))
-    assert [] == served.exchange.writer.commands()
+    assert served.exchange.writer.commands() == []
 
 
 @pytest.mark.parametrize(
@@ -133,7 +135,7 @@ async def test_a_value_of_another_kind_is_refused(
     served: Served, engineer: Client, value: ua.DataValue, expected: int
 ) -> None:
     assert [expected] == await write(engineer, [(ENABLE, VALUE, value)])
-    assert [] == served.exchange.writer.commands()
+    assert served.exchange.writer.commands() == []
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 10.1, -0.1])
@@ -144,7 +146,7 @@ async def test_a_number_that_is_not_finite_or_outside_the_range_is_refused(value
     tag = Tag("AxisX.r_x", "mm2", range=(0.0, 10.0), writable=True)
 
     assert CODES.BadOutOfRange == _judge(tag, ua.Variant(value, ua.VariantType.Double))
-    assert 0 == _judge(tag, ua.Variant(10.0, ua.VariantType.Double))
+    assert _judge(tag, ua.Variant(10.0, ua.VariantType.Double)) == 0
 
 
 async def test_a_full_command_ring_is_told_to_the_writer(served: Served, engineer: Client) -> None:
@@ -152,7 +154,7 @@ async def test_a_full_command_ring_is_told_to_the_writer(served: Served, enginee
 
     assert {CODES.GoodCompletesAsynchronously} == set(statuses[:-1])
     assert CODES.BadResourceUnavailable == statuses[-1]
-    assert COMMANDS - 1 == len(served.exchange.writer.commands())
+    assert len(served.exchange.writer.commands()) == COMMANDS - 1
 
 
 async def test_a_write_to_a_dead_scan_process_is_refused(served: Served, engineer: Client) -> None:
@@ -160,7 +162,7 @@ async def test_a_write_to_a_dead_scan_process_is_refused(served: Served, enginee
     await served.server.publish()
 
     assert CODES.BadNoCommunication == await write_value(engineer, ENABLE, True)
-    assert [] == served.exchange.writer.commands()
+    assert served.exchange.writer.commands() == []
     await served.scan()
 
 
@@ -193,7 +195,7 @@ async def test_refused_logins_are_logged_once_a_minute(served: Served) -> None:
                 await served.client("admin", "admin").connect()
     await served.scan()
 
-    assert [("opcua log-in refused", "warning")] == [(entry["event"], entry["log_level"]) for entry in logs]
+    assert [(entry["event"], entry["log_level"]) for entry in logs] == [("opcua log-in refused", "warning")]
 
 
 async def test_two_users_are_not_confused_by_names_and_passwords_that_run_together() -> None:
@@ -203,7 +205,7 @@ async def test_two_users_are_not_confused_by_names_and_passwords_that_run_togeth
         with pytest.raises(ServiceError) as refusal:
             users.get_user(None, name, password)
         assert CODES.BadIdentityTokenRejected == refusal.value.code
-    assert "engine" == users.get_user(None, "engine", PASSWORD).name
+    assert users.get_user(None, "engine", PASSWORD).name == "engine"
 
 
 async def test_node_management_is_not_there(anonymous: Client, engineer: Client, served: Served) -> None:
@@ -231,7 +233,7 @@ async def test_register_server_is_not_there_even_without_a_session(served: Serve
         with pytest.raises(ua.UaStatusCodeError) as refusal:
             await stranger.uaclient.register_server(server)
         assert CODES.BadServiceUnsupported == refusal.value.code
-        assert ["urn:softplc:server"] == [found.ApplicationUri for found in await stranger.find_servers()]
+        assert [found.ApplicationUri for found in await stranger.find_servers()] == ["urn:softplc:server"]
     finally:
         await stranger.disconnect_sessionless()
 

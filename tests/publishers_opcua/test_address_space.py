@@ -59,13 +59,19 @@ async def test_the_whole_address_space_is_as_agreed(client: Client, tmp_path: Pa
 
     proposal = tmp_path / "golden.txt"
     proposal.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    assert GOLDEN.read_text(encoding="utf-8").splitlines() == lines, f"clients rely on these; if meant, take {proposal}"
+    assert GOLDEN.read_text(encoding="utf-8").splitlines() == lines, (
+        f"clients rely on these; if meant, take {proposal}"
+    )
 
 
 async def test_our_namespace_is_index_two_and_the_uris_are_fixed(client: Client) -> None:
-    assert ["http://opcfoundation.org/UA/", "urn:softplc:server", "urn:softplc:tags"] == await client.get_namespace_array()
+    assert await client.get_namespace_array() == [
+        "http://opcfoundation.org/UA/",
+        "urn:softplc:server",
+        "urn:softplc:tags",
+    ]
     server_array = await client.get_node(ua.ObjectIds.Server_ServerArray).read_value()
-    assert ["urn:softplc:server"] == server_array
+    assert server_array == ["urn:softplc:server"]
     endpoints = await client.get_endpoints()
     assert {"urn:softplc:server"} == {endpoint.Server.ApplicationUri for endpoint in endpoints}
     assert {ua.MessageSecurityMode.None_} == {endpoint.SecurityMode for endpoint in endpoints}
@@ -76,7 +82,7 @@ async def test_our_namespace_is_index_two_and_the_uris_are_fixed(client: Client)
 async def test_the_server_tells_who_it_is(client: Client) -> None:
     info = await client.get_node(ua.ObjectIds.Server_ServerStatus_BuildInfo).read_value()
 
-    assert ("softplc", "softplc", "urn:softplc") == (info.ProductName, info.ManufacturerName, info.ProductUri)
+    assert (info.ProductName, info.ManufacturerName, info.ProductUri) == ("softplc", "softplc", "urn:softplc")
 
 
 async def test_every_tag_has_its_description(served: Served, client: Client) -> None:
@@ -89,7 +95,7 @@ async def test_every_reference_can_be_followed_back(served: Served, client: Clie
     for block in served.exchange.table.blocks:
         node = client.get_node(f"ns=2;s={block.tags[0].name}")
         path = await node.get_path(as_string=True)
-        assert ["0:Root", "0:Objects", "2:softplc"] == path[:3]
+        assert path[:3] == ["0:Root", "0:Objects", "2:softplc"]
         assert f"2:{block.name}" == path[4]
 
 
@@ -122,6 +128,6 @@ async def test_no_two_units_share_a_code() -> None:
 
 
 async def test_the_range_is_the_tags_own_or_a_stated_default() -> None:
-    assert (-1.0, 5.0) == eu_range(Tag("a.b", "mm", range=(-1.0, 5.0)))
+    assert eu_range(Tag("a.b", "mm", range=(-1.0, 5.0))) == (-1.0, 5.0)
     assert DEFAULT_RANGES["deg"] == eu_range(Tag("a.b", "deg"))
-    assert DEFAULT_RANGE == eu_range(Tag("a.b", "furlong"))
+    assert eu_range(Tag("a.b", "furlong")) == DEFAULT_RANGE

@@ -109,7 +109,7 @@ def test_why_the_server_cannot_listen_is_said_with_what_to_do() -> None:
     assert "another port" in _explain(OSError(errno.EADDRINUSE, "in use"))
     assert "privilege" in _explain(OSError(errno.EACCES, "denied"))
     assert "host name" in _explain(socket.gaierror(socket.EAI_NONAME, "unknown"))
-    assert "broken" == _explain(OSError(errno.EIO, "broken"))
+    assert _explain(OSError(errno.EIO, "broken")) == "broken"
 
 
 async def test_a_password_that_is_not_there_stops_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,7 +122,8 @@ async def test_a_password_that_is_not_there_stops_the_start(monkeypatch: pytest.
 
 
 @pytest.mark.parametrize(
-    ("host", "warnings"), [("127.0.0.1", 0), ("::1", 0), ("localhost", 0), ("0.0.0.0", 1), ("192.168.0.7", 1), ("plc", 1)]
+    ("host", "warnings"),
+    [("127.0.0.1", 0), ("::1", 0), ("localhost", 0), ("0.0.0.0", 1), ("192.168.0.7", 1), ("plc", 1)],
 )
 def test_only_a_server_that_the_network_reaches_warns_of_missing_encryption(host: str, warnings: int) -> None:
     server = OpcUaServer(config(4840, host=host), make_exchange().reader)

@@ -8,7 +8,7 @@ import pytest_asyncio
 
 from softplc.sample import StatusCode
 from softplc.tags import DataType
-from tests.publishers_opcua.conftest import PASSWORD, NodeClient, Served, node_client
+from tests.publishers_opcua.conftest import PASSWORD, NodeClient, Served, node_client, serve
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -28,7 +28,9 @@ async def test_every_tag_reads_as_the_snapshot_says(served: Served, peer: NodeCl
     statuses = (StatusCode.GOOD, StatusCode.UNCERTAIN_LAST_USABLE_VALUE, StatusCode.BAD_NO_COMMUNICATION, 0x80AB0000)
     for index, tag in enumerate(exchange.table):
         status = statuses[index % len(statuses)]
-        value = float("nan") if status & 0x80000000 else float(index % 2 if tag.data_type is DataType.BOOLEAN else index)
+        value = (
+            float("nan") if status & 0x80000000 else float(index % 2 if tag.data_type is DataType.BOOLEAN else index)
+        )
         exchange.set(tag.name, value, status, served.clock.utc_ns() - 1_000_000 * index)
     await served.scan()
 
@@ -53,13 +55,13 @@ async def test_our_tags_are_namespace_two(peer: NodeClient, served: Served, tmp_
     async with node_client(tmp_path) as other:
         answer = await other.ask(connect=served.url)
 
-        assert ["http://opcfoundation.org/UA/", "urn:softplc:server", "urn:softplc:tags"] == answer["namespaces"]
+        assert answer["namespaces"] == ["http://opcfoundation.org/UA/", "urn:softplc:server", "urn:softplc:tags"]
 
 
 async def test_the_browse_path_leads_to_the_tag(peer: NodeClient) -> None:
     answer = await peer.ask(translate=["ObjectsFolder", "/2:softplc/2:Axes/2:AxisX/2:Position"])
 
-    assert ["ns=2;s=AxisX.Position"] == answer["targets"]
+    assert answer["targets"] == ["ns=2;s=AxisX.Position"]
 
 
 async def test_browsing_an_axis_shows_every_tag_of_its_block(served: Served, peer: NodeClient) -> None:
@@ -69,7 +71,7 @@ async def test_browsing_an_axis_shows_every_tag_of_its_block(served: Served, pee
 
     assert [f"ns=2;s={tag.name}" for tag in block.tags] == [found["nodeId"] for found in answer["references"]]
     types = {found["browseName"]: found["type"] for found in answer["references"]}
-    assert ("ns=0;i=17570", "ns=0;i=63", "ns=0;i=2376") == (types["2:Position"], types["2:K0"], types["2:Reason"])
+    assert (types["2:Position"], types["2:K0"], types["2:Reason"]) == ("ns=0;i=17570", "ns=0;i=63", "ns=0;i=2376")
 
 
 async def test_unit_and_range_are_read_as_the_standard_names_them(peer: NodeClient) -> None:
@@ -78,8 +80,8 @@ async def test_unit_and_range_are_read_as_the_standard_names_them(peer: NodeClie
     )
 
     unit, limits = (sample["value"] for sample in answer["samples"])
-    assert (5066068, "mm") == (unit["unitId"], unit["displayName"]["text"])
-    assert (-500.0, 500.0) == (limits["low"], limits["high"])
+    assert (unit["unitId"], unit["displayName"]["text"]) == (5066068, "mm")
+    assert (limits["low"], limits["high"]) == (-500.0, 500.0)
 
 
 async def test_every_change_is_notified_good_to_bad_too(served: Served, peer: NodeClient) -> None:
@@ -89,7 +91,9 @@ async def test_every_change_is_notified_good_to_bad_too(served: Served, peer: No
     await peer.ask(subscribe=[name, "ns=2;s=AxisX.Velocity"], interval=20)
 
     def seen(status: int, value: float | None) -> bool:
-        return any(n["notification"] == name and n["status"] == status and n["value"] == value for n in peer.notifications)
+        return any(
+            n["notification"] == name and n["status"] == status and n["value"] == value for n in peer.notifications
+        )
 
     await peer.notified(lambda _: seen(StatusCode.GOOD, 10.0))
     served.exchange.set("AxisX.Position", 11.0)
@@ -123,7 +127,7 @@ async def test_the_configured_user_writes_enable_and_nothing_else(served: Served
         enable = await engineer.ask(write=["ns=2;s=AxisY.Enable", VALUE, "Boolean", False])
         other = await engineer.ask(write=["ns=2;s=AxisX.Enable", VALUE, "Boolean", False])
 
-        assert (GOOD_COMPLETES_ASYNCHRONOUSLY, NOT_WRITABLE) == (enable["status"], other["status"])
+        assert (enable["status"], other["status"]) == (GOOD_COMPLETES_ASYNCHRONOUSLY, NOT_WRITABLE)
         assert [(served.exchange.table.index("AxisY.Enable"), 0.0)] == served.exchange.writer.commands()
 
 
@@ -133,3 +137,35 @@ async def test_wrong_credentials_are_refused(served: Served, tmp_path: Path, use
         answer = await stranger.ask(connect=served.url, user=user, password=password)
 
         assert "BadIdentityTokenRejected" in answer["error"]
+
+
+async def test_a_client_whose_line_was_cut_hears_of_changes_again(served: Served, tmp_path: Path) -> None:
+    async with node_client(tmp_path) as client:
+        await resilient(served, client)
+
+        for connection in list(served.server._listener.clients):
+            connection.transport.abort()
+
+        served.exchange.set("AxisX.Position", 2.0)
+        await served.scan()
+        await client.notified(lambda seen: seen[-1]["value"] == 2.0)
+
+
+async def test_a_client_hears_of_changes_again_after_the_server_has_restarted(tmp_path: Path) -> None:
+    async with node_client(tmp_path) as client:
+        async with serve() as first:
+            await resilient(first, client)
+        async with serve(port=first.port) as second:
+            for number in (2.0, 3.0):
+                second.exchange.set("AxisX.Position", number)
+                await second.scan()
+                await client.notified(lambda seen, number=number: seen[-1]["value"] == number)
+
+
+async def resilient(served: Served, client: NodeClient) -> None:
+    """A client that tries for ever to reconnect, with one subscription that has heard of the value 1."""
+    served.exchange.set("AxisX.Position", 1.0)
+    await served.scan()
+    assert "error" not in await client.ask(connect=served.url, retries=-1)
+    await client.ask(subscribe=["ns=2;s=AxisX.Position"], interval=20)
+    await client.notified(lambda seen: bool(seen) and seen[-1]["value"] == 1.0)

@@ -60,7 +60,9 @@ async def test_every_tag_reads_as_the_snapshot_says(served: Served, client: Clie
     for index, tag in enumerate(exchange.table):
         status = statuses[index % len(statuses)]
         number = index % 2 if tag.data_type is DataType.BOOLEAN else index * 1.0
-        exchange.set(tag.name, math.nan if status & 0x80000000 else number, status, served.clock.utc_ns() - index * 1_000)
+        exchange.set(
+            tag.name, math.nan if status & 0x80000000 else number, status, served.clock.utc_ns() - index * 1_000
+        )
     await served.scan()
 
     found = await read(client, [tag.name for tag in exchange.table])
@@ -110,7 +112,7 @@ async def test_a_scan_process_that_stopped_makes_every_tag_bad(calm: Served, cli
     await calm.scan()
     assert {StatusCode.GOOD} == {value.StatusCode.value for value in await read(client, names)}
     await eventually(lambda: heard.numbers()[-1] == 1.0)
-    assert 255 == await client.get_node(ua.ObjectIds.Server_ServiceLevel).read_value()
+    assert await client.get_node(ua.ObjectIds.Server_ServiceLevel).read_value() == 255
     await subscription.delete()
 
 
@@ -152,7 +154,7 @@ async def test_new_timestamps_alone_are_told_only_to_who_asks_for_them(calm: Ser
         await calm.scan()
     await eventually(lambda: len(stamped.values) == 4)
 
-    assert 1 == len(plain.values)
+    assert len(plain.values) == 1
     await first.delete()
     await second.delete()
 
@@ -209,7 +211,7 @@ async def test_a_dead_band_in_percent_is_of_the_range(calm: Served, client: Clie
         await calm.scan()
     await eventually(lambda: len(heard.values) == 2)
 
-    assert [1.0, 11.1] == heard.numbers()
+    assert heard.numbers() == [1.0, 11.1]
     refused = await monitor(subscription, client.get_node("ns=2;s=AxisX.NIS"), kind="Percent", width=1.0)
     assert ua.StatusCodes.BadFilterNotAllowed == refused.value
     await subscription.delete()
@@ -228,7 +230,7 @@ async def test_a_slower_sampling_interval_gets_every_nth_value_and_the_last(calm
         await calm.scan(0.05)
     await eventually(lambda: heard.numbers()[-1] == 11.0)
 
-    assert [1.0, 5.0, 9.0, 11.0] == heard.numbers()  # every fourth scan of 50 ms
+    assert heard.numbers() == [1.0, 5.0, 9.0, 11.0]  # every fourth scan of 50 ms
     await subscription.delete()
 
 
@@ -251,9 +253,25 @@ async def test_a_client_that_monitors_all_tags_hears_all_changes(calm: Served, c
 async def test_server_time_and_status_come_from_softplcs_clock(calm: Served, client: Client) -> None:
     await calm.scan(2.0)
 
-    assert utc(calm.clock.utc_ns()) == await client.get_node(ua.ObjectIds.Server_ServerStatus_CurrentTime).read_value()
+    assert (
+        utc(calm.clock.utc_ns()) == await client.get_node(ua.ObjectIds.Server_ServerStatus_CurrentTime).read_value()
+    )
     status = await client.get_node(ua.ObjectIds.Server_ServerStatus).read_value()
     assert (utc(calm.clock.utc_ns()), ua.ServerState.Running) == (status.CurrentTime, status.State)
+
+
+async def test_who_monitors_the_server_status_hears_every_second(calm: Served, client: Client) -> None:
+    heard = Notifications()
+    subscription = await client.create_subscription(10, heard)
+    await subscription.subscribe_data_change(client.get_node(ua.ObjectIds.Server_ServerStatus), queuesize=10)
+    await eventually(lambda: len(heard.values) == 1)
+
+    for _ in range(2):
+        await calm.scan(1.0)
+    await eventually(lambda: len(heard.values) == 3)
+
+    assert heard.numbers()[-1].CurrentTime == utc(calm.clock.utc_ns())
+    await subscription.delete()
 
 
 async def test_publishing_without_clients_notifies_nobody(calm: Served) -> None:

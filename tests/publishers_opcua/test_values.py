@@ -69,7 +69,7 @@ def test_a_number_that_the_type_cannot_hold_is_out_of_range(exchange: Exchange, 
 
     found = taken(exchange).data_value(index)
 
-    assert (StatusCode.BAD_OUT_OF_RANGE, None) == (found.StatusCode.value, found.Value.Value)
+    assert (found.StatusCode.value, found.Value.Value) == (StatusCode.BAD_OUT_OF_RANGE, None)
 
 
 def test_a_tag_without_source_timestamp_has_that_of_its_scan(exchange: Exchange) -> None:
@@ -107,8 +107,8 @@ def test_only_what_changed_is_marked(exchange: Exchange) -> None:
 
     assert changes is not None
     moved, restamped = ([table.tags[i].name for i in np.flatnonzero(mask)] for mask in changes)
-    assert ["Tasks.main.Heartbeat", "AxisX.Velocity", "AxisX.S"] == moved
-    assert ["AxisX.Raw"] == restamped
+    assert moved == ["Tasks.main.Heartbeat", "AxisX.Velocity", "AxisX.S"]
+    assert restamped == ["AxisX.Raw"]
 
 
 def test_a_watch_looks_only_at_monitored_tags_that_changed() -> None:
@@ -118,20 +118,20 @@ def test_a_watch_looks_only_at_monitored_tags_that_changed() -> None:
     every = np.array([True, True, True])
     none = np.array([False, False, False])
 
-    assert [0, 1] == watch.due((every, none), 0.0)
-    assert [1] == watch.due((none, every), 0.0)
-    assert [] == watch.due(None, 0.0)
+    assert watch.due((every, none), 0.0) == [0, 1]
+    assert watch.due((none, every), 0.0) == [1]
+    assert watch.due(None, 0.0) == []
     watch.remove(0)
-    assert [1] == watch.due((every, none), 0.0)
+    assert watch.due((every, none), 0.0) == [1]
 
 
 def test_a_postponed_tag_is_looked_at_again_when_it_is_due() -> None:
     watch = Watch(["a", "b"], 0.05)
     watch.postpone(1, 1.0)
 
-    assert [] == watch.due(None, 0.9)
-    assert [1] == watch.due(None, 1.0)
-    assert [] == watch.due(None, 1.1)
+    assert watch.due(None, 0.9) == []
+    assert watch.due(None, 1.0) == [1]
+    assert watch.due(None, 1.1) == []
 
 
 def value(number: object, status: int = 0, stamp: int = 0) -> ua.DataValue:

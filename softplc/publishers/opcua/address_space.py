@@ -120,7 +120,15 @@ class Nodes:
         access = _READ_WRITE if tag.writable else _READ
         data_type = ua.NodeId(VARIANT_TYPES[tag.data_type].value)
         node = self._variable(
-            parent, _HAS_COMPONENT, tag.name, _name(leaf, NAMESPACE), type_id, data_type, value, access, tag.description
+            parent,
+            _HAS_COMPONENT,
+            tag.name,
+            _name(leaf, NAMESPACE),
+            type_id,
+            data_type,
+            value,
+            access,
+            tag.description,
         )
         self._index[node.nodeid] = index
         if analog:
@@ -183,7 +191,7 @@ class Nodes:
             ids.UserAccessLevel: constant(_READ, types.Byte),
             ids.MinimumSamplingInterval: constant(self._interval_ms, types.Double),
             ids.Description: self._text(description),
-            ids.Historizing: constant(False, types.Boolean),  # noqa: FBT003  an attribute's value
+            ids.Historizing: constant(False, types.Boolean),
         }
         return self._node(parent, reference, path, name, ua.NodeClass.Variable, type_id, attributes)
 
@@ -237,7 +245,9 @@ class Nodes:
             return target.attributes[attribute_id].value.Value.Value
 
         ids = ua.AttributeIds
-        types = (found.NodeId for found in target.references if found.ReferenceTypeId == _HAS_TYPE and found.IsForward)
+        types = (
+            found.NodeId for found in target.references if found.ReferenceTypeId == _HAS_TYPE and found.IsForward
+        )
         return ua.ReferenceDescription(
             reference,
             is_forward,
