@@ -18,7 +18,7 @@ from softplc.publishers.opcua.config import OpcUaPublisher, OpcUaServerUser
 from softplc.publishers.opcua.hardened.limits import Limits
 from softplc.publishers.opcua.server import OpcUaServer
 from tests.support.exchange import Exchange, make_exchange
-from tests.support.network import free_port
+from tests.support.network import eventually, free_port
 from tests.support.peers import need_npm
 
 CLIENT_JS = Path(__file__).parent.parent / "peers" / "opcua_client.js"
@@ -53,19 +53,62 @@ class Served:
 
 
 @contextlib.asynccontextmanager
-async def serve(limits: Limits | None = None, *, scanned: bool = True) -> AsyncIterator[Served]:
-    """A server on a free port over a hand-made exchange."""
+async def serve(
+    limits: Limits | None = None, *, scanned: bool = True, port: int | None = None
+) -> AsyncIterator[Served]:
+    """A server on this or a free port over a hand-made exchange."""
     clock = VirtualClock()
     exchange = make_exchange(clock)
     if scanned:
         exchange.publish()
-    port = free_port()
+    port = port or free_port()
     server = OpcUaServer(OpcUaPublisher(type="opcua", port=port, users=USERS), exchange.reader, limits)
     url = await server.open()
     try:
         yield Served(exchange, clock, server, url, port)
     finally:
         await server.close()
+
+
+def refused(error: Any) -> int:
+    """Status of the UaStatusCodeError that pytest.raises caught."""
+    return int(error.value.code)
+
+
+async def connections(served: Served, count: int) -> None:
+    """Return when the server has so many connections."""
+    await eventually(lambda: len(served.server._listener.clients) == count, what=f"{count} connections")
+
+
+LIMITS = Limits(
+    connections=12,
+    connections_per_address=8,
+    sessions_per_address=5,
+    subscriptions_per_session=3,
+    items_per_session=20,
+    operations=30,
+    references=300,
+    continuation_points=3,
+    unread_bytes=1 << 16,
+    activation_seconds=3.0,
+)
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def limited() -> AsyncIterator[Served]:
+    """A server with small limits."""
+    async with serve(LIMITS) as served:
+        yield served
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def quiet(limited: Served) -> Served:
+    """The server with small limits, without a connection or session of the test before."""
+    inner = limited.server._server.iserver
+    for session in list(inner._external_sessions.values()):
+        await session.close_session()
+    await connections(limited, 0)
+    return limited
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")

@@ -8,7 +8,7 @@ import pytest_asyncio
 
 from softplc.sample import StatusCode
 from softplc.tags import DataType
-from tests.publishers_opcua.conftest import PASSWORD, NodeClient, Served, node_client
+from tests.publishers_opcua.conftest import PASSWORD, NodeClient, Served, node_client, serve
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -137,3 +137,35 @@ async def test_wrong_credentials_are_refused(served: Served, tmp_path: Path, use
         answer = await stranger.ask(connect=served.url, user=user, password=password)
 
         assert "BadIdentityTokenRejected" in answer["error"]
+
+
+async def test_a_client_whose_line_was_cut_hears_of_changes_again(served: Served, tmp_path: Path) -> None:
+    async with node_client(tmp_path) as client:
+        await resilient(served, client)
+
+        for connection in list(served.server._listener.clients):
+            connection.transport.abort()
+
+        served.exchange.set("AxisX.Position", 2.0)
+        await served.scan()
+        await client.notified(lambda seen: seen[-1]["value"] == 2.0)
+
+
+async def test_a_client_hears_of_changes_again_after_the_server_has_restarted(tmp_path: Path) -> None:
+    async with node_client(tmp_path) as client:
+        async with serve() as first:
+            await resilient(first, client)
+        async with serve(port=first.port) as second:
+            for number in (2.0, 3.0):
+                second.exchange.set("AxisX.Position", number)
+                await second.scan()
+                await client.notified(lambda seen, number=number: seen[-1]["value"] == number)
+
+
+async def resilient(served: Served, client: NodeClient) -> None:
+    """A client that tries for ever to reconnect, with one subscription that has heard of the value 1."""
+    served.exchange.set("AxisX.Position", 1.0)
+    await served.scan()
+    assert "error" not in await client.ask(connect=served.url, retries=-1)
+    await client.ask(subscribe=["ns=2;s=AxisX.Position"], interval=20)
+    await client.notified(lambda seen: bool(seen) and seen[-1]["value"] == 1.0)

@@ -260,6 +260,20 @@ async def test_server_time_and_status_come_from_softplcs_clock(calm: Served, cli
     assert (utc(calm.clock.utc_ns()), ua.ServerState.Running) == (status.CurrentTime, status.State)
 
 
+async def test_who_monitors_the_server_status_hears_every_second(calm: Served, client: Client) -> None:
+    heard = Notifications()
+    subscription = await client.create_subscription(10, heard)
+    await subscription.subscribe_data_change(client.get_node(ua.ObjectIds.Server_ServerStatus), queuesize=10)
+    await eventually(lambda: len(heard.values) == 1)
+
+    for _ in range(2):
+        await calm.scan(1.0)
+    await eventually(lambda: len(heard.values) == 3)
+
+    assert heard.numbers()[-1].CurrentTime == utc(calm.clock.utc_ns())
+    await subscription.delete()
+
+
 async def test_publishing_without_clients_notifies_nobody(calm: Served) -> None:
     before = len(asyncio.all_tasks())
     for number in range(5):

@@ -1,4 +1,4 @@
-"""The newest snapshot as OPC-UA DataValues: what changed is found in arrays, a DataValue is made when someone needs it.
+"""The newest snapshot as OPC-UA DataValues: changes are found in arrays, a DataValue is made when someone needs it.
 
 A tag that nobody reads or monitors costs a few nanoseconds per publish, whatever the number of tags.
 """

@@ -2,5 +2,5 @@
 
 Proven on asyncua 2.1.0, which pyproject.toml pins exactly; each class says what asyncua does without it.
 `channel`: sockets, frames and which services exist. `session`: sessions, their limits, and what each service may do.
-`subscriptions`: subscriptions and monitored items.
+`subscriptions`: subscriptions and monitored items. `view`: browsing. `limits`: how much of each.
 """

@@ -11,7 +11,7 @@ from asyncua.common.utils import Buffer, ServiceError
 from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
 from asyncua.server.internal_session import SessionState
 from asyncua.server.uaprocessor import UaProcessor
-from asyncua.ua.ua_binary import header_from_binary, uatcp_to_binary
+from asyncua.ua.ua_binary import header_from_binary, struct_from_binary, uatcp_to_binary
 
 from softplc.publishers.opcua.hardened.limits import Limits
 
@@ -33,10 +33,11 @@ def _requests(*names: str) -> frozenset[Any]:
 
 _CREATE_SESSION: Final = _requests("CreateSession")
 _ACTIVATE_SESSION: Final = _requests("ActivateSession")
+_BROWSE_NEXT: Final = _requests("BrowseNext")
 _WITHOUT_SESSION: Final = _requests("FindServers", "GetEndpoints", "CreateSession", "CloseSecureChannel")
 # All others answer BadServiceUnsupported: RegisterServer, AddNodes, DeleteNodes, the references, HistoryUpdate, …
 _SERVICES: Final = _WITHOUT_SESSION | _requests(
-    "ActivateSession", "CloseSession", "Read", "Write", "Browse", "TranslateBrowsePathsToNodeIds",
+    "ActivateSession", "CloseSession", "Read", "Write", "Browse", "BrowseNext", "TranslateBrowsePathsToNodeIds",
     "RegisterNodes", "UnregisterNodes", "Call", "HistoryRead",
     "CreateSubscription", "ModifySubscription", "DeleteSubscriptions", "TransferSubscriptions", "SetPublishingMode",
     "Publish", "Republish",
@@ -63,6 +64,7 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
 
     def __init__(self, server: Any, transport: Any, transport_limits: TransportLimits, limits: Limits) -> None:
         super().__init__(server, transport, transport_limits)
+        self.session: Any = None
         self._own_limits = limits
 
     def send_response(self, *args: Any, **options: Any) -> None:
@@ -94,6 +96,8 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
             if before is not None and requesthdr.AuthenticationToken != before.auth_token:
                 raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
         try:
+            if typeid in _BROWSE_NEXT:
+                return await self._browse_next(requesthdr, seqhdr, body)
             return await super()._process_message(typeid, requesthdr, seqhdr, body)
         except BaseException:
             if typeid in _ACTIVATE_SESSION:
@@ -102,6 +106,18 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
         finally:
             if self.session is not None and self.session is not before:
                 self._adopt(self.session)
+
+    async def _browse_next(self, requesthdr: Any, seqhdr: Any, body: Any) -> bool:
+        """BrowseNext, which asyncua has not."""
+        if not self.session.is_activated():
+            raise ServiceError(ua.StatusCodes.BadSessionNotActivated)
+        self.session.touch()
+        response = ua.BrowseNextResponse()
+        response.Parameters.Results = await self.session.browse_next(
+            struct_from_binary(ua.BrowseNextParameters, body)
+        )
+        self.send_response(requesthdr.RequestHandle, seqhdr, response)
+        return True
 
     def _adopt(self, session: Any) -> None:
         """A session that was activated here is no longer that of the connection it came from."""
@@ -173,7 +189,7 @@ class Protocol(OPCUAProtocol):  # type: ignore[misc]  # asyncua is untyped here
     async def _process_one_msg(self, header: Any, buf: Any) -> bool:
         try:
             going_on = await super()._process_one_msg(header, buf)
-        except Exception:
+        except Exception:  # whatever the frame broke, asyncua's state for this connection is not to be trusted
             self._end(ua.StatusCodes.BadTcpInternalError)
             return False
         if self._paused and not self.messages.qsize() and self.transport is not None:

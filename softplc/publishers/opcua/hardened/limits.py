@@ -21,6 +21,8 @@ class Limits:
     queue_size: int = 100  # notifications kept for one monitored item
     unacknowledged: int = 100  # messages kept for Republish, per subscription
     operations: int = 2_000  # nodes or items in one request; also told as OperationLimits
+    references: int = 20_000  # references looked at for one Browse
+    continuation_points: int = 10
     chunk_bytes: int = 65_535
     message_bytes: int = 1 << 20
     unread_bytes: int = 8 << 20  # answers that a client leaves unread before it is dropped

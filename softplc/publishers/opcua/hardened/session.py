@@ -17,6 +17,7 @@ from asyncua.server.user_managers import UserManager
 from softplc.publishers.opcua.access import Access
 from softplc.publishers.opcua.hardened.limits import Limits
 from softplc.publishers.opcua.hardened.subscriptions import Subscriptions
+from softplc.publishers.opcua.hardened.view import Browser, ReferenceTypes
 from softplc.publishers.opcua.values import Watch
 
 log = structlog.get_logger(__name__)
@@ -38,6 +39,7 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
         super().__init__(server, server.aspace, server.subscription_service, name, user=user, external=False)
         self.external = True
         self.auth_token = ua.NodeId(os.urandom(32), 0, ua.NodeIdType.ByteString)
+        self._browser = Browser(server.aspace, server.reference_types, server.limits)
         self.processor: Any = None  # the connection that the session is on; None when that was lost
         server.register_external_session(self)
 
@@ -77,7 +79,12 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
     async def browse(self, params: Any) -> list[Any]:
         """Browse within the limits of one request."""
         self.iserver.limits.check_operations(params.NodesToBrowse)
-        return list(await super().browse(params))
+        return self._browser.browse(params.NodesToBrowse, params.RequestedMaxReferencesPerNode)
+
+    async def browse_next(self, parameters: Any) -> list[Any]:
+        """BrowseNext of the session's own continuation points."""
+        self.iserver.limits.check_operations(parameters.ContinuationPoints)
+        return self._browser.browse_next(parameters.ContinuationPoints, release=parameters.ReleaseContinuationPoints)
 
     async def translate_browsepaths_to_nodeids(self, params: Any) -> list[Any]:
         """TranslateBrowsePathsToNodeIds within the limits of one request; an empty path matches nothing."""
@@ -214,6 +221,7 @@ class ClosedServer(InternalServer):  # type: ignore[misc]  # asyncua is untyped 
         self.max_subscriptions = limits.subscriptions
         self.max_unacked_messages_per_subscription = limits.unacknowledged
         self.max_monitored_item_queue_size = limits.queue_size
+        self.reference_types = ReferenceTypes(self.aspace)
         self.subscription_service = Subscriptions(self.aspace, self)
         self.isession.subscription_service = self.subscription_service
 

@@ -157,7 +157,7 @@ class MonitoredItems(MonitoredItemService):  # type: ignore[misc]  # asyncua is 
         return ua.StatusCode()
 
     def _revise_queue_size(self, requested: int) -> int:
-        return min(max(int(requested), 1), self.isub.max_queue_size)
+        return int(min(max(requested, 1), self.isub.max_queue_size))
 
     def _revise_sampling(self, sampling: _Sampling, requested: float) -> float:
         """Set the interval to what was asked, ms, and return what it became; negative means as published."""
@@ -169,14 +169,13 @@ class MonitoredItems(MonitoredItemService):  # type: ignore[misc]  # asyncua is 
 
     def _filter_status(self, flt: Any, node_id: Any) -> int:
         """0 when the filter can be served, else the status that says why not."""
+        kinds = (ua.DeadbandType.None_, ua.DeadbandType.Absolute, ua.DeadbandType.Percent)
         if flt is None:
             return 0
-        if not isinstance(flt, ua.uaprotocol_auto.DataChangeFilter):
+        if not isinstance(flt, ua.uaprotocol_auto.DataChangeFilter) or flt.DeadbandType not in kinds:
             return int(ua.StatusCodes.BadMonitoredItemFilterUnsupported)
         if flt.DeadbandType == ua.DeadbandType.None_:
             return 0
-        if flt.DeadbandType not in (ua.DeadbandType.Absolute, ua.DeadbandType.Percent):
-            return int(ua.StatusCodes.BadMonitoredItemFilterUnsupported)
         if not 0.0 <= flt.DeadbandValue < math.inf:
             return int(ua.StatusCodes.BadDeadbandFilterInvalid)
         if flt.DeadbandType == ua.DeadbandType.Percent and self._range_of(node_id) is None:
