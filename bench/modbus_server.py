@@ -32,10 +32,10 @@ CASES = (("softplc", 1), ("pymodbus", 1), ("softplc", 8))
 
 
 async def _softplc(ready: "Connection[Any, Any]") -> None:
-    from softplc.clock import SystemClock  # noqa: PLC0415  each process imports its own server only
-    from softplc.publishers.modbus.config import ModbusPublisher  # noqa: PLC0415
-    from softplc.publishers.modbus.server import ModbusServer  # noqa: PLC0415
-    from tests.support.exchange import make_exchange  # noqa: PLC0415
+    from softplc.clock import SystemClock
+    from softplc.publishers.modbus.config import ModbusPublisher
+    from softplc.publishers.modbus.server import ModbusServer
+    from tests.support.exchange import make_exchange
 
     clock = SystemClock()
     exchange = make_exchange(clock)
@@ -52,8 +52,8 @@ async def _softplc(ready: "Connection[Any, Any]") -> None:
 
 
 async def _pymodbus(ready: "Connection[Any, Any]") -> None:
-    from pymodbus.server import ModbusTcpServer  # noqa: PLC0415
-    from pymodbus.simulator import DataType, SimData, SimDevice  # noqa: PLC0415
+    from pymodbus.server import ModbusTcpServer
+    from pymodbus.simulator import DataType, SimData, SimDevice
 
     data = [SimData(0, count=FIRST + 200, values=7, datatype=DataType.REGISTERS)]
     server = ModbusTcpServer(SimDevice(1, simdata=data), address=("127.0.0.1", 0))
