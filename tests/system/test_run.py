@@ -40,8 +40,19 @@ axes:
     unit: deg
     input: {{source: drive, address: 40101, data_type: float32, scale: 2.0, offset: -1.0}}
     observer: {{type: aoi, precision: real, q_x: 0.01, q_x_dot: 0.1, r_x: 1.0}}
+  - name: AxisZ
+    input: {{source: drive, address: 40101, data_type: float32, scale: 2.0, offset: -1.0}}
+    enable: {{source: plc, node: "nsu=urn:softplc:test:plc;s=PLC.Axis.Flag"}}
+    observer: {{type: aoi, r_x: 1.0}}
+  - name: AxisW
+    input: {{source: drive, address: 40101, data_type: float32, scale: 2.0, offset: -1.0}}
+    enable: {{writable: true, initial: false}}
+    observer: {{type: aoi, r_x: 1.0}}
 publishers:
-  - {{type: opcua, port: {opcua}}}
+  - type: opcua
+    port: {opcua}
+    users:
+      - {{name: engineer, password: {{env: TEST_PASSWORD}}}}
   - {{type: modbus, port: {modbus}}}
 """
 
@@ -96,7 +107,7 @@ async def plant(plc: NodePlc, tmp_path_factory: pytest.TempPathFactory) -> Async
         config = tmp_path_factory.mktemp("run") / "plant.yaml"
         ports = {"opcua": free_port(), "modbus": free_port()}
         config.write_text(CONFIG.format(url=plc.url, drive=drive.port, **ports))
-        with Program("run", str(config), "--json") as program:
+        with Program("run", str(config), "--json", TEST_PASSWORD="a secret") as program:
             facts = await asyncio.to_thread(program.ready)
             plant = Plant(program, plc, drive, facts, config)
             await plant.until_quality(AXIS_X, 2)
@@ -167,6 +178,31 @@ async def test_the_velocity_is_written_back_into_the_plc(plant, client):
     counted = await read(client, "Sources.plc.Writes", "Sources.plc.WriteErrors")
     assert counted["Sources.plc.Writes"]["value"] > 0
     assert counted["Sources.plc.WriteErrors"]["value"] == 0
+
+
+async def test_enable_follows_a_boolean_of_the_plc(plant, client):
+    for flag, enabled, status in ((1, True, StatusCode.GOOD), (0, False, StatusCode.UNCERTAIN_SUB_NORMAL)):
+        plant.plc.do(f"set Flag {flag}")
+        async with asyncio.timeout(60):
+            while True:
+                sample = await read(client, "AxisZ.Enabled", "AxisZ.Position")
+                if (sample["AxisZ.Enabled"]["value"], sample["AxisZ.Position"]["status"]) == (enabled, status):
+                    break
+
+
+async def test_enable_is_written_by_the_configured_user_and_by_nobody_else(plant, client, tmp_path):
+    write = ["ns=2;s=AxisW.Enable", 13, "Boolean", True]
+    assert (await client.ask(write=write))["status"] & 0x80000000
+    assert not (await read(client, "AxisW.Enabled"))["AxisW.Enabled"]["value"]
+    async with node_client(tmp_path / "engineer") as engineer:
+        await engineer.ask(connect=plant.opcua, user="engineer", password="a secret")
+        assert (await engineer.ask(write=write))["status"] == StatusCode.GOOD
+    async with asyncio.timeout(60):
+        while not (await read(client, "AxisW.Enabled"))["AxisW.Enabled"]["value"]:
+            await asyncio.sleep(0.05)
+    sample = await read(client, "AxisW.Position", "AxisW.Enable")
+    assert sample["AxisW.Position"]["value"] == pytest.approx(20.0)
+    assert sample["AxisW.Enable"]["value"]
 
 
 async def test_health_is_ok_while_it_scans(plant):
