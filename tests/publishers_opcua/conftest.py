@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest_asyncio
-from asyncua import Client
+from asyncua import Client, ua
 
 from softplc.clock import VirtualClock
 from softplc.model import Secret
@@ -115,6 +115,35 @@ async def quiet(limited: Served) -> Served:
 async def served() -> AsyncIterator[Served]:
     async with serve() as served:
         yield served
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def client(served: Served) -> AsyncIterator[Client]:
+    """A connected anonymous client."""
+    async with served.client() as client:
+        yield client
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def calm(served: Served) -> Served:
+    """Every tag Good and 1, published."""
+    for tag in served.exchange.table:
+        served.exchange.set(tag.name, 1.0)
+    await served.scan()
+    return served
+
+
+class Notifications:
+    """Collects the DataValues of data changes."""
+
+    def __init__(self) -> None:
+        self.values: list[ua.DataValue] = []
+
+    def datachange_notification(self, _node: Any, _value: Any, data: Any) -> None:
+        self.values.append(data.monitored_item.Value)
+
+    def numbers(self) -> list[Any]:
+        return [value.Value.Value for value in self.values]
 
 
 class NodeClient:

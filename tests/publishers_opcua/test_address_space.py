@@ -1,11 +1,9 @@
 """What a client sees when it browses: the golden list of every node, its ids, types, units and ranges."""
 
-from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-import pytest_asyncio
 from asyncua import Client, Node, ua
 
 from softplc.publishers.opcua.address_space import DEFAULT_RANGE, DEFAULT_RANGES, engineering_units, eu_range
@@ -17,12 +15,6 @@ pytestmark = pytest.mark.asyncio(loop_scope="module")
 
 GOLDEN = Path(__file__).with_name("golden.txt")
 IDS = ua.AttributeIds
-
-
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def client(served: Served) -> AsyncIterator[Client]:
-    async with served.client() as client:
-        yield client
 
 
 def plain(value: Any) -> str:

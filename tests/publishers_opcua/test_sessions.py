@@ -5,7 +5,8 @@ import contextlib
 import pytest
 from asyncua import ua
 
-from tests.publishers_opcua.conftest import LIMITS, Served, connections, refused
+from softplc.publishers.opcua.hardened.limits import Limits
+from tests.publishers_opcua.conftest import LIMITS, Served, connections, refused, serve
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -106,3 +107,20 @@ async def test_a_wrong_password_on_a_new_connection_leaves_nothing_behind(quiet:
         await other.disconnect_sessionless()
 
         assert await owner.get_namespace_array()
+
+
+async def test_all_sessions_together_are_limited() -> None:
+    async with serve(Limits(sessions=1)) as served, served.client():
+        with pytest.raises(ua.UaStatusCodeError) as error:
+            await served.client().connect()
+
+        assert refused(error) == CODES.BadTooManySessions
+
+
+async def test_a_session_timeout_that_is_no_number_is_revised(quiet: Served) -> None:
+    client = quiet.client()
+    client.session_timeout = float("nan")
+    async with client:
+        (session,) = quiet.server._server.iserver._external_sessions.values()
+
+        assert session.session_timeout == 5.0
