@@ -133,7 +133,8 @@ async function main() {
     const commands = {
         set: (name, value) => {
             const dataType = variables[name].dataTypeObj.basicDataType;
-            variables[name].setValueFromSource({ dataType, value: Number(value) });
+            const number = Number(value);
+            variables[name].setValueFromSource({ dataType, value: dataType === DataType.Boolean ? number !== 0 : number });
         },
         bad: (name) => {
             const value = { dataType: variables[name].dataTypeObj.basicDataType, value: 0 };
