@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from softplc.clock import Clock
 from softplc.errors import LinkError
 from softplc.interfaces import Driver
-from softplc.sample import StatusCode, is_bad
+from softplc.sample import StatusCode, is_bad, status_name
 from softplc.tags import Image
 
 _BACK_OFF_FIRST = 0.05  # seconds
@@ -232,7 +232,7 @@ class Link:
             self.statistics.write_errors += failed
             if status != self._write_status.get(position, StatusCode.GOOD):
                 event = "write refused" if failed else "write accepted again"
-                log.warning(event, source=self.name, tag=self._writings[position], status=_hex(status))
+                log.warning(event, source=self.name, tag=self._writings[position], status=status_name(status))
             self._write_status[position] = status
 
 
@@ -262,7 +262,7 @@ class _Told:
         was, now = before >= StatusCode.BAD, after >= StatusCode.BAD
         for position in np.flatnonzero(was != now):
             if now[position]:
-                self._tell("tag bad", "warning", tag=names[int(position)], status=_hex(int(after[position])))
+                self._tell("tag bad", "warning", tag=names[int(position)], status=status_name(int(after[position])))
             elif before[position] not in _EXPECTED_BEFORE_DATA:
                 self._tell("tag good again", "info", tag=names[int(position)])
         return bool((was != now).any())
@@ -288,10 +288,3 @@ class _Told:
 
 
 _EXPECTED_BEFORE_DATA = (StatusCode.BAD_WAITING_FOR_INITIAL_DATA, StatusCode.BAD_NO_COMMUNICATION)
-
-
-def _hex(status: int) -> str:
-    try:
-        return StatusCode(status).name
-    except ValueError:
-        return f"0x{status:08X}"

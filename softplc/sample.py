@@ -118,3 +118,11 @@ def quality(status: int | NDArray[np.uint32]) -> Quality | NDArray[np.uint8]:
 def is_bad(status: int) -> bool:
     """True when the severity of a raw StatusCode is Bad."""
     return bool(status & 0x80000000)
+
+
+def status_name(status: int) -> str:
+    """A raw StatusCode as OPC UA writes it, as in UncertainLastUsableValue; the number when it is none of ours."""
+    try:
+        return "".join(word.capitalize() for word in StatusCode(status).name.split("_"))
+    except ValueError:
+        return f"0x{status:08X}"

@@ -10,7 +10,7 @@ from softplc.app.layout import SourceLayout, TaskLayout, build_layout
 from softplc.clock import Clock, SystemClock
 from softplc.config.models import Config
 from softplc.errors import LinkError
-from softplc.sample import Sample, StatusCode, quality
+from softplc.sample import Sample, StatusCode, quality, status_name
 from softplc.tags import Image
 
 _FIRST_DATA = 5.0  # seconds that a subscription gets for its first values
@@ -115,14 +115,6 @@ def utc_text(nanoseconds: int) -> str:
     from datetime import UTC, datetime  # noqa: PLC0415  formatting only; the time itself comes from the caller
 
     return datetime.fromtimestamp(nanoseconds // 1000 / 1e6, UTC).isoformat(timespec="microseconds")
-
-
-def status_name(status: int) -> str:
-    """A raw StatusCode as OPC UA writes it, as in UncertainLastUsableValue; the number when it is none we know."""
-    try:
-        return "".join(word.capitalize() for word in StatusCode(status).name.split("_"))
-    except ValueError:
-        return f"0x{status:08X}"
 
 
 def configured_path(argument: Path | None) -> Path | None:

@@ -43,11 +43,11 @@ def check(path: Path, *, connect: bool, as_json: bool) -> int:
 
 def browse(url: str, contains: str, *, yaml: bool, user: str | None, as_json: bool) -> int:
     """List the variables of a server; see `softplc browse --help`."""
-    from softplc.app.checking import status_name  # noqa: PLC0415
     from softplc.drivers.opcua.browse import browse as browse_server  # noqa: PLC0415
     from softplc.drivers.opcua.browse import yaml_block  # noqa: PLC0415
     from softplc.drivers.opcua.config import OpcUaUser  # noqa: PLC0415
     from softplc.model import Secret  # noqa: PLC0415
+    from softplc.sample import status_name  # noqa: PLC0415
 
     login = OpcUaUser(name=user, password=Secret(env="SOFTPLC_PASSWORD")) if user else None
     listing = asyncio.run(browse_server(url, only=contains or None, user=login))

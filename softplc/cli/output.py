@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 messages = Console(stderr=True, soft_wrap=True, highlight=False)
@@ -30,11 +31,11 @@ def _plain(data: Any) -> Any:
 
 
 def print_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> None:
-    """Rows as a table on stdout; on a pipe the table is as wide as it needs to be, so that nothing is cut."""
+    """Rows as a table on stdout: folded to a terminal's width, and never cut where the output is no terminal."""
+    terminal = sys.stdout.isatty()
     table = Table(box=None, pad_edge=False, header_style="bold")
     for column in columns:
-        table.add_column(column, no_wrap=True, overflow="fold")
+        table.add_column(column, no_wrap=not terminal, overflow="fold")
     for row in rows:
-        table.add_row(*("" if row.get(column) is None else str(row[column]) for column in columns))
-    console = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
-    console.print(table) if sys.stdout.isatty() else console.print(table, width=400, crop=False)
+        table.add_row(*("" if row.get(column) is None else escape(str(row[column])) for column in columns))
+    Console(highlight=False, width=None if terminal else 10_000).print(table)

@@ -101,3 +101,9 @@ def test_help_imports_none_of_the_heavy_libraries():
     done = softplc("--help", PYTHONPROFILEIMPORTTIME="1")
     for library in ("asyncua", "pymodbus", "numpy"):
         assert f" {library}\n" not in done.stderr
+
+
+def test_a_table_on_a_pipe_is_never_cut():
+    done = softplc("check", "config/plant.yaml")
+    assert "nsu=urn:plant:line4;s=Infeed.Position" in done.stdout
+    assert done.stdout.splitlines()[0].split()[:4] == ["axis", "task", "period_ms", "source"]
