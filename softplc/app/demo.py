@@ -1,6 +1,7 @@
 """The demo's configuration: the paper's experiment on an emulated PLC, one axis over OPC-UA, one over Modbus."""
 
 import json
+from dataclasses import dataclass
 from typing import Any, Final
 
 from softplc.app.supervisor import port_is_free
@@ -13,15 +14,29 @@ PORTS: Final = {"plc opcua": 4841, "plc modbus": 5021, "opcua": 4840, "modbus": 
 _TRIES = 200
 
 
-def demo_setup() -> tuple[Config, Scenario, list[str]]:
-    """Configuration and scenario on free ports, and a note for each port that was taken. Raises SoftplcError."""
+@dataclass(frozen=True, slots=True)
+class Demo:
+    """Configuration and scenario on the same ports, and a note for each wanted port that was taken."""
+
+    config: Config
+    scenario: Scenario
+    ports: dict[str, int]
+    notes: list[str]
+
+    def outrun(self) -> bool:
+        """True when somebody else has taken one of the ports since they were chosen."""
+        return not all(port_is_free(HOST, port) for port in self.ports.values())
+
+
+def demo_setup() -> Demo:
+    """A demo on free ports. Raises SoftplcError when there are none."""
     ports: dict[str, int] = {}
     notes: list[str] = []
     for use, wanted in PORTS.items():
         ports[use] = _free_port(wanted, taken=set(ports.values()))
         if ports[use] != wanted:
             notes.append(f"port {wanted} ({use}) is taken, using {ports[use]}")
-    return demo_config(ports), demo_scenario(ports), notes
+    return Demo(demo_config(ports), demo_scenario(ports), ports, notes)
 
 
 def demo_config(ports: dict[str, int]) -> Config:

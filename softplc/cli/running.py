@@ -1,8 +1,10 @@
 """The commands that keep running: demo, run, emulate."""
 
+import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -10,27 +12,55 @@ from softplc.app.logs import configure_logs
 from softplc.app.supervisor import Endpoints
 from softplc.cli.output import messages, print_json
 from softplc.config.models import Config, Log
+from softplc.errors import SoftplcError
+
+if TYPE_CHECKING:
+    from softplc.app.demo import Demo
+
+
+_DEMO_TRIES = 5  # another program may take a port between the choice of it and its use
 
 
 def demo(seconds: float | None, *, headless: bool, as_json: bool) -> int:
     """Run the demo; see `softplc demo --help`."""
     from softplc.app.demo import demo_setup  # noqa: PLC0415
+
+    started = False
+
+    def on_start() -> None:
+        nonlocal started
+        started = True
+
+    for left in reversed(range(_DEMO_TRIES)):
+        demo = demo_setup()
+        try:
+            return _run_demo(demo, seconds, on_start, headless=headless, as_json=as_json)
+        except SoftplcError:
+            if started or not left or not demo.outrun():
+                raise
+    return SoftplcError.exit_code
+
+
+def _run_demo(
+    demo: "Demo", seconds: float | None, on_start: Callable[[], None], *, headless: bool, as_json: bool
+) -> int:
     from softplc.app.running import run_with_emulator  # noqa: PLC0415
 
-    config, scenario, notes = demo_setup()
-    configure_logs(config.log, "supervisor")
+    configure_logs(demo.config.log, "supervisor")
     console = Console(highlight=False, soft_wrap=True, no_color=headless, force_terminal=False if headless else None)
-    for note in notes:
-        messages.print(f"note: {note}", style="yellow")
 
     def ready(endpoints: Endpoints) -> None:
+        on_start()
+        for note in demo.notes:
+            messages.print(f"note: {note}", style="yellow")
         if as_json:
-            print_json({**_facts(config, endpoints), "notes": notes})
+            print_json({**_facts(demo.config, endpoints), "notes": demo.notes})
         else:
-            console.print("\n".join(_block("softplc demo", config, endpoints, _demo_hints(endpoints))), markup=False)
+            lines = _block("softplc demo", demo.config, endpoints, _demo_hints(endpoints))
+            console.print("\n".join(lines), markup=False)
         sys.stdout.flush()
 
-    return run_with_emulator(config, scenario, seconds, ready)
+    return run_with_emulator(demo.config, demo.scenario, seconds, ready)
 
 
 def run(path: Path, seconds: float | None, *, as_json: bool) -> int:
@@ -105,13 +135,22 @@ def _block(title: str, config: Config, endpoints: Endpoints, hints: list[str]) -
 def _demo_hints(endpoints: Endpoints) -> list[str]:
     served = dict(endpoints)
     port = served.get("modbus", "").rpartition(":")[2].partition("/")[0] or "5020"
+    softplc = _command()
     return [
         "what to try next:",
-        f"  softplc browse {served.get('opcua', 'opc.tcp://127.0.0.1:4840')} --filter AxisX",
+        f"  {softplc} browse {served.get('opcua', 'opc.tcp://127.0.0.1:4840')} --filter AxisX",
         f"  any OPC-UA client: {served.get('opcua', '')}, node ns=2;s=AxisX.Position (read-only, anonymous)",
         f"  any Modbus client: port {port}, unit 1, float 1.0 at input register 2 proves the word order",
-        "  point it at your PLC: config/minimal.yaml, then softplc run config/minimal.yaml",
+        f"  point it at your PLC: edit config/minimal.yaml, then {softplc} check --connect and {softplc} run",
     ]
+
+
+def _command() -> str:
+    """How the user of this shell calls softplc: by name where it is found, else by its path."""
+    own = Path(sys.executable).parent / "softplc"
+    if shutil.which("softplc") == str(own) or not own.exists():
+        return "softplc"
+    return str(own.relative_to(Path.cwd())) if own.is_relative_to(Path.cwd()) else str(own)
 
 
 def _where(source: Any) -> str:
