@@ -4,7 +4,7 @@ import json
 from dataclasses import dataclass
 from typing import Any, Final
 
-from softplc.app.supervisor import port_is_free
+from softplc.app.ports import port_is_free
 from softplc.config.models import Config
 from softplc.emulator.scenario import Scenario
 from softplc.errors import SoftplcError

@@ -5,7 +5,9 @@ import signal
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-from softplc.app.supervisor import Child, Endpoints, check_ports, run_alone, supervise
+from softplc.app.ports import check_ports
+from softplc.app.process import Child
+from softplc.app.supervisor import Endpoints, run_alone, supervise
 from softplc.config.models import Config
 
 OnReady = Callable[[Endpoints], None]

@@ -1,12 +1,7 @@
 """The supervisor: starts the scan process and the gateway, restarts one that dies, ends both in order."""
 
 import asyncio
-import multiprocessing
-import signal
-import socket
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from multiprocessing.connection import Connection
 from typing import Any
 
 import structlog
@@ -14,6 +9,7 @@ import structlog
 from softplc.app.gateway import gateway_process
 from softplc.app.layout import build_layout
 from softplc.app.notify import notify
+from softplc.app.process import SPAWN, Child
 from softplc.app.scan_process import scan_process
 from softplc.clock import SystemClock
 from softplc.config.models import Config
@@ -21,83 +17,8 @@ from softplc.errors import SoftplcError
 from softplc.exchange import size
 
 _RESTARTS = 5  # of one process within the window; one more and the supervisor gives up
-_WINDOW = 60.0
-_STOP_LIMIT = 0.9  # seconds for the scan process, and then for the others, to end by themselves
 
 log = structlog.get_logger(__name__)
-_spawn = multiprocessing.get_context("spawn")
-
-
-@dataclass(slots=True)
-class Child:
-    """One process of softplc's: what it runs, and its life."""
-
-    name: str
-    target: Callable[..., None]
-    arguments: tuple[Any, ...]
-    process: Any = None
-    connection: "Connection[Any, Any] | None" = None
-    ready: "asyncio.Future[Any] | None" = None
-    starts: list[float] = field(default_factory=list)
-
-    def start(self, now: float) -> None:
-        """Spawn the process. It is born with SIGINT blocked: Ctrl-C on the terminal is the supervisor's to handle."""
-        self.starts = [*(start for start in self.starts if now - start < _WINDOW), now]
-        self.connection, theirs = _spawn.Pipe(duplex=False)
-        self.ready = asyncio.get_running_loop().create_future()
-        self.process = _spawn.Process(target=self.target, args=(*self.arguments, theirs), name=f"softplc-{self.name}")
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            self.process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        theirs.close()
-        asyncio.get_running_loop().add_reader(self.connection.fileno(), self._on_message)
-
-    async def ended(self) -> int:
-        """Wait until the process is gone; returns its exit code."""
-        loop = asyncio.get_running_loop()
-        gone = asyncio.Event()
-        sentinel = self.process.sentinel
-        loop.add_reader(sentinel, gone.set)
-        try:
-            await gone.wait()
-        finally:
-            loop.remove_reader(sentinel)
-        self._on_message()
-        self._hang_up()
-        self.process.join()
-        return int(self.process.exitcode)
-
-    async def stop(self) -> None:
-        """SIGTERM, and SIGKILL for one that does not end within the limit."""
-        if self.process is None or not self.process.is_alive():
-            return
-        self.process.terminate()
-        try:
-            async with asyncio.timeout(_STOP_LIMIT):
-                await self.ended()
-        except TimeoutError:
-            log.warning("process did not end by itself, killed", child=self.name)
-            self.process.kill()
-            await self.ended()
-
-    def _on_message(self) -> None:
-        try:
-            while self.connection is not None and self.connection.poll():
-                message = self.connection.recv()
-                if self.ready is not None and not self.ready.done():
-                    self.ready.set_result(message)
-        except (EOFError, OSError):
-            self._hang_up()
-
-    def _hang_up(self) -> None:
-        if self.connection is not None:
-            asyncio.get_running_loop().remove_reader(self.connection.fileno())
-            self.connection.close()
-            self.connection = None
-        if self.ready is not None and not self.ready.done():
-            self.ready.set_result(None)
 
 
 Endpoints = list[tuple[str, str]]
@@ -134,7 +55,7 @@ async def supervise(
 
 
 def _children(config: Config) -> list[Child]:
-    buffer = _spawn.RawArray("b", size(build_layout(config).table))
+    buffer = SPAWN.RawArray("b", size(build_layout(config).table))
     arguments = (config.model_dump_json(), buffer)
     children = [Child("scan", scan_process, arguments)]
     if config.publishers:
@@ -206,25 +127,3 @@ async def run_alone(child: Child, on_ready: Callable[[Endpoints], None], stop: a
     finally:
         await child.stop()
         clock.close()
-
-
-def check_ports(config: Config) -> None:
-    """Fail before anything starts when a port that is to be listened on is taken. Raises SoftplcError."""
-    for publisher in config.publishers:
-        if not port_is_free(publisher.host, publisher.port):
-            raise SoftplcError(
-                f"{publisher.host}:{publisher.port} for the {publisher.type} server is in use; "
-                f"end what listens there or choose another port"
-            )
-
-
-def port_is_free(host: str, port: int) -> bool:
-    """True when nobody listens on the port now."""
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    with socket.socket(family, socket.SOCK_STREAM) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((host, port))
-        except OSError:
-            return False
-    return True
