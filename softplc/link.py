@@ -179,7 +179,7 @@ class Link:
         task.add_done_callback(self._closing.discard)
 
     def _fail(self, driver: Driver, reason: str) -> None:
-        if driver is self._driver:
+        if driver is self._driver and not self._lost.is_set():
             self._told.lost(reason)
             self._lost.set()
 
@@ -242,6 +242,7 @@ class _Told:
     def __init__(self, source: str, clock: Clock) -> None:
         self._source, self._clock = source, clock
         self._state: str | None = None
+        self._since: float | None = None
         self._window = -60.0
         self._logged = 0
         self._suppressed = 0
@@ -249,23 +250,28 @@ class _Told:
 
     def up(self) -> None:
         self._state = None
-        self._tell("link up", "info")
+        seconds = {} if self._since is None else {"down_seconds": round(self._clock.monotonic() - self._since, 1)}
+        self._since = None
+        self._tell("link up", "info", **seconds)
 
     def lost(self, reason: str) -> None:
         if reason != self._state:
             event = "link down" if self._state is None else "link still down"
+            self._since = self._clock.monotonic() if self._since is None else self._since
             self._state = reason
             self._tell(event, "warning", reason=reason)
 
     def tags(self, names: Sequence[str], before: NDArray[np.uint32], after: NDArray[np.uint32]) -> bool:
         """Tell which tags became Bad or usable again; True when any did."""
         was, now = before >= StatusCode.BAD, after >= StatusCode.BAD
-        for position in np.flatnonzero(was != now):
+        no_data = np.isin(before, _NO_DATA)
+        changed = (was != now) | (now & no_data & (before != after))
+        for position in np.flatnonzero(changed):
             if now[position]:
                 self._tell("tag bad", "warning", tag=names[int(position)], status=status_name(int(after[position])))
-            elif before[position] not in _EXPECTED_BEFORE_DATA:
+            elif not no_data[position]:
                 self._tell("tag good again", "info", tag=names[int(position)])
-        return bool((was != now).any())
+        return bool(changed.any())
 
     def words(self, event: str, texts: Sequence[str]) -> None:
         """Tell texts that were not told before."""
@@ -274,7 +280,7 @@ class _Told:
                 self._words.add(text)
                 log.warning(event, source=self._source, text=text)
 
-    def _tell(self, event: str, level: str, **fields: str) -> None:
+    def _tell(self, event: str, level: str, **fields: object) -> None:
         now = self._clock.monotonic()
         if now - self._window >= 60.0:
             self._window, self._logged = now, 0
@@ -287,4 +293,4 @@ class _Told:
         getattr(log, level)(event, source=self._source, **fields, **more)
 
 
-_EXPECTED_BEFORE_DATA = (StatusCode.BAD_WAITING_FOR_INITIAL_DATA, StatusCode.BAD_NO_COMMUNICATION)
+_NO_DATA = (StatusCode.BAD_WAITING_FOR_INITIAL_DATA, StatusCode.BAD_NO_COMMUNICATION)

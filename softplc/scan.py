@@ -22,6 +22,7 @@ _STATISTICS = (
     ("P99", "99th percentile of the last 1024 scans"),
     ("Max", "largest since start"),
 )
+_TELL = 60.0  # seconds between two log lines about overruns
 _REFRESH = 1.0  # seconds between two computations of the percentiles
 
 log = structlog.get_logger(__name__)
@@ -97,6 +98,8 @@ class CyclicTask:
     statistics: TaskStatistics = field(default_factory=TaskStatistics)
     _refreshed: float = float("-inf")
     _failed: set[int] = field(default_factory=set)
+    _told_overruns: int = 0
+    _told_at: float = float("-inf")
 
     async def run(self) -> None:
         """Scan on the grid t0 + k·period. A late scan skips to the next slot; missed slots are counted."""
@@ -116,6 +119,13 @@ class CyclicTask:
             previous, number, before = start, number + 1, slot
             deadline, slot = next_deadline(t0, self.period, self.clock.monotonic())
             overruns += slot - before - 1
+            self._tell_overruns(start, overruns)
+
+    def _tell_overruns(self, now: float, overruns: int) -> None:
+        """Log that slots were missed, once a minute at the most, with how many since the last line."""
+        if overruns > self._told_overruns and now - self._told_at >= _TELL:
+            missed, self._told_overruns, self._told_at = overruns - self._told_overruns, overruns, now
+            log.warning("scans overran", task=self.name, missed=missed, period_ms=self.period * 1e3)
 
     async def _acquire(self, scan: Scan) -> None:
         """Ask every source at once and wait for the replies, no longer than the read budget allows."""

@@ -123,3 +123,21 @@ async def test_a_flapping_link_is_logged_a_few_times_a_minute_with_a_count_of_th
         await rig.run(1300, lambda scan: setattr(rig.device, "reachable", scan.number % 2 == 0))
     assert 6 < len(lines) <= 18  # 130 s: three minutes have begun
     assert sum(line.get("suppressed", 0) for line in lines) > 10
+
+
+async def test_a_tag_that_is_bad_from_the_start_is_told_with_its_status():
+    rig = Rig()
+    rig.device.values, rig.device.statuses = [float("nan")], [StatusCode.BAD_CONFIGURATION_ERROR]
+    with structlog.testing.capture_logs() as lines:
+        await rig.run(5)
+    told = [line for line in lines if line["event"] == "tag bad"]
+    assert [(line["tag"], line["status"]) for line in told] == [("r0", "BadConfigurationError")]
+
+
+async def test_a_loss_is_one_line_and_the_return_says_how_long_it_was():
+    rig = Rig(period=0.1)
+    with structlog.testing.capture_logs() as lines:
+        await rig.run(80, lambda scan: setattr(rig.device, "reachable", not 10 <= scan.number < 40))
+    told = [line["event"] for line in lines if line["event"] != "link still down"]
+    assert told == ["link up", "link down", "link up"]
+    assert 2.5 <= lines[-1]["down_seconds"] <= 4.5  # down for 3 s, found within the back-off of 1 s

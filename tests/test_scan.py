@@ -2,6 +2,7 @@ import asyncio
 import itertools
 
 import pytest
+import structlog
 
 from softplc.clock import VirtualClock
 from softplc.sample import StatusCode
@@ -175,3 +176,12 @@ async def test_commands_reach_the_observer_before_it_steps():
     rig.reader.command(rig.echo.start, 42.0)
     await rig.run(1)
     assert rig.echo.commands == [(rig.echo.start, 42.0)]
+
+
+async def test_overruns_are_logged_once_a_minute_with_their_number():
+    rig = Rig(period=0.1)
+    rig.echo.work = lambda: rig.clock.advance(0.15)
+    with structlog.testing.capture_logs() as lines:
+        await rig.run(700)  # 140 s, every other slot missed
+    told = [line["missed"] for line in lines if line["event"] == "scans overran"]
+    assert told == [1, 300, 300]

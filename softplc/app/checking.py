@@ -9,7 +9,7 @@ from typing import Any
 from softplc.app.layout import SourceLayout, TaskLayout, build_layout
 from softplc.clock import Clock, SystemClock
 from softplc.config.models import Config
-from softplc.errors import LinkError
+from softplc.errors import ConfigError, LinkError
 from softplc.sample import Sample, StatusCode, quality, status_name
 from softplc.tags import Image
 
@@ -35,6 +35,21 @@ def describe(config: Config) -> list[dict[str, Any]]:
     return rows
 
 
+def missing_secrets(config: Config) -> list[str]:
+    """One text for each secret that is not where the configuration says; a run would end at it."""
+    users = [(f"source {source.name}", getattr(source, "user", None)) for source in config.sources]
+    for publisher in config.publishers:
+        users += [(f"{publisher.type} publisher", user) for user in getattr(publisher, "users", ())]
+    texts = []
+    for owner, user in users:
+        try:
+            if user is not None:
+                user.password.read()
+        except ConfigError as error:
+            texts.append(f"{owner}, user {user.name}: {error}")
+    return texts
+
+
 def read_once(config: Config) -> tuple[list[dict[str, Any]], list[str]]:
     """One row for each tag that softplc would read: value, unit, status, source timestamp, age in seconds.
 
@@ -50,9 +65,19 @@ async def _read_once(config: Config) -> tuple[list[dict[str, Any]], list[str]]:
     layout = build_layout(config)
     sources = [(task, source) for task in layout.tasks for source in task.sources]
     try:
-        groups = await asyncio.gather(*(_read_source(task, source, units, clock) for task, source in sources))
+        results = await asyncio.gather(
+            *(_read_source(task, source, units, clock) for task, source in sources), return_exceptions=True
+        )
     finally:
         clock.close()
+    unfit = [str(result) for result in results if isinstance(result, ConfigError)]
+    if unfit:
+        raise ConfigError(*unfit)
+    groups: list[tuple[list[dict[str, Any]], list[str]]] = []
+    for result in results:
+        if isinstance(result, BaseException):
+            raise result
+        groups.append(result)
     return [row for rows, _ in groups for row in rows], [text for _, texts in groups for text in texts]
 
 
@@ -61,7 +86,10 @@ async def _read_source(
 ) -> tuple[list[dict[str, Any]], list[str]]:
     source = layout.source
     image = Image(len(layout.readings))
-    driver = source.build(list(layout.readings), layout.writings, clock, task.task.period_ms / 1e3)
+    try:
+        driver = source.build(list(layout.readings), layout.writings, clock, task.task.period_ms / 1e3)
+    except ConfigError as problem:
+        raise ConfigError(f"source {source.name}: {problem}") from problem
     error = ""
     texts: list[str] = []
     try:

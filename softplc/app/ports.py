@@ -1,5 +1,6 @@
 """Are the ports free that are to be listened on?"""
 
+import errno
 import socket
 
 from softplc.config.models import Config
@@ -17,12 +18,12 @@ def check_ports(config: Config) -> None:
 
 
 def port_is_free(host: str, port: int) -> bool:
-    """True when nobody listens on the port now."""
+    """False when somebody listens on the port now; what else stands against listening, the server will say."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((host, port))
-        except OSError:
-            return False
+        except OSError as error:
+            return error.errno != errno.EADDRINUSE
     return True

@@ -15,6 +15,7 @@ from softplc.app.notify import Watchdog, watchdog_interval
 from softplc.app.realtime import apply_realtime, freeze_garbage
 from softplc.clock import Clock, SystemClock
 from softplc.config.models import Config
+from softplc.errors import ConfigError
 from softplc.exchange import Writer
 from softplc.link import Link
 from softplc.scan import CyclicTask, LinkPlace
@@ -111,7 +112,10 @@ def _build_task(
 def _build_link(layout: SourceLayout, clock: Clock, period: float) -> Link:
     source = layout.source
     make = partial(source.build, list(layout.readings), layout.writings, clock, period)
-    make()  # imports the protocol's library now rather than on the scan's time
+    try:
+        make()  # imports the protocol's library now rather than on the scan's time
+    except ConfigError as error:
+        raise ConfigError(f"source {source.name}: {error}") from error
     timeout = getattr(source, "timeout_ms", _REPLAY_TIMEOUT * 1e3) / 1e3
     connect_timeout = getattr(source, "connect_timeout_ms", _REPLAY_TIMEOUT * 1e3) / 1e3
     return Link(source.name, make, layout.reading_names, layout.writing_names, clock, timeout, connect_timeout)

@@ -6,6 +6,7 @@ from typing import Any
 
 import structlog
 
+from softplc import __version__
 from softplc.app.gateway import gateway_process
 from softplc.app.layout import build_layout
 from softplc.app.notify import notify
@@ -45,9 +46,11 @@ async def supervise(
         endpoints = await _await_ready(children, stop)
         if not stop.is_set():
             on_ready(endpoints)
+            log.info("started", version=__version__, axes=len(config.axes), **dict(endpoints))
             notify(f"READY=1\nSTATUS=scanning {len(config.axes)} axes")
         return await _watch(children, clock, stop)
     finally:
+        log.info("stopping")
         notify("STOPPING=1")
         await scan.stop()  # first the scans, so that the last one is whole and nobody reads a vanishing source
         await asyncio.gather(*(child.stop() for child in others))

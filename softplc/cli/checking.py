@@ -5,15 +5,22 @@ import sys
 from pathlib import Path
 
 from softplc.cli.output import messages, print_json, print_table
-from softplc.errors import LinkError, SoftplcError
+from softplc.errors import ConfigError, LinkError, SoftplcError, UsageError
 
 
 def check(path: Path, *, connect: bool, as_json: bool) -> int:
     """Validate, and with `connect` read every tag once; see `softplc check --help`."""
-    from softplc.app.checking import describe, read_once  # noqa: PLC0415
+    from softplc.app.checking import describe, missing_secrets, read_once  # noqa: PLC0415
     from softplc.config.load import load  # noqa: PLC0415
 
-    config = load(path)
+    try:
+        config = load(path)
+    except ConfigError as wrong:
+        if as_json:
+            print_json({"errors": wrong.lines})
+        raise
+    for text in missing_secrets(config):
+        messages.print(f"{path}: {text}", style="yellow", markup=False)
     if not connect:
         rows = describe(config)
         if as_json:
@@ -49,6 +56,9 @@ def browse(url: str, contains: str, *, yaml: bool, user: str | None, as_json: bo
     from softplc.model import Secret  # noqa: PLC0415
     from softplc.sample import status_name  # noqa: PLC0415
 
+    if not url.startswith("opc.tcp://"):
+        meant = url.rpartition("//")[2] or "127.0.0.1:4840"
+        raise UsageError(f"{url}: expected an OPC-UA endpoint, as in opc.tcp://{meant}")
     login = OpcUaUser(name=user, password=Secret(env="SOFTPLC_PASSWORD")) if user else None
     listing = asyncio.run(browse_server(url, only=contains or None, user=login))
     rows = [
@@ -67,6 +77,8 @@ def browse(url: str, contains: str, *, yaml: bool, user: str | None, as_json: bo
     ]
     if as_json:
         print_json(rows)
+    elif not rows:
+        messages.print(f"no variable whose path contains {contains!r}" if contains else "the server has no variables")
     else:
         if not yaml:
             print_table(rows, ("path", "node_id", "data_type", "value"))
@@ -88,7 +100,11 @@ def replay(path: Path, output: Path | None) -> int:
     if output is None:
         scans = run_replay(config, sys.stdout)
     else:
-        with output.open("w", encoding="utf-8", newline="") as file:
+        try:
+            file = output.open("w", encoding="utf-8", newline="")
+        except OSError as error:
+            raise SoftplcError(f"{output}: cannot write: {error.strerror}") from error
+        with file:
             scans = run_replay(config, file)
     messages.print(f"{scans} scans replayed")
     return 0
@@ -106,7 +122,7 @@ def health(path: Path | None, timeout: float) -> int:
     return 1 if problem else 0
 
 
-def modbus_map(path: Path, style: str) -> int:
+def modbus_map(path: Path, style: str, port: int | None) -> int:
     """Print the register map; see `softplc export modbus-map --help`."""
     from softplc.app.layout import build_layout  # noqa: PLC0415
     from softplc.config.load import load  # noqa: PLC0415
@@ -114,8 +130,13 @@ def modbus_map(path: Path, style: str) -> int:
     from softplc.publishers.modbus.map import build_map, render  # noqa: PLC0415
 
     config = load(path)
-    servers = [publisher for publisher in config.publishers if isinstance(publisher, ModbusPublisher)]
+    every = [publisher for publisher in config.publishers if isinstance(publisher, ModbusPublisher)]
+    servers = [server for server in every if port in (None, server.port)]
     if not servers:
-        raise SoftplcError(f"{path}: no publisher of type modbus; add one to have a register map")
+        found = ", ".join(str(server.port) for server in every) or "none"
+        raise SoftplcError(f"{path}: no such publisher of type modbus; ports of those that there are: {found}")
+    if len(servers) > 1:
+        ports = ", ".join(str(server.port) for server in servers)
+        messages.print(f"several Modbus servers ({ports}): this is the map of {servers[0].port}; choose with --port")
     sys.stdout.write(render(build_map(build_layout(config).table, servers[0]), style))
     return 0

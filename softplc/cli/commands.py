@@ -1,5 +1,6 @@
 """All commands of the softplc command line, and how their errors become exit codes."""
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -32,23 +33,28 @@ def run_command_line() -> int:
     """Run the command of sys.argv; returns its exit code."""
     try:
         result = cli(standalone_mode=False)
-    except SoftplcError as error:
-        messages.print(str(error), style="red", markup=False)
-        return error.exit_code
+        sys.stdout.flush()
     except typer.Exit as stop:
         return stop.exit_code
     except (typer.Abort, KeyboardInterrupt):
         return 130
-    except BrokenPipeError:
-        sys.stderr.close()
-        return 0
     except Exception as error:
-        return _usage(error)
+        return _exit_code(error)
     return result if isinstance(result, int) else 0
 
 
-def _usage(error: Exception) -> int:
-    show = getattr(error, "show", None)  # the command line's own errors know how to show themselves
+def _exit_code(error: Exception) -> int:
+    """Tell an error that is expected, and return its exit code; any other is raised again."""
+    cause: BaseException = error
+    while isinstance(cause, BaseExceptionGroup):  # as a task group raises it
+        cause = cause.exceptions[0]
+    if isinstance(cause, SoftplcError):
+        messages.print(str(cause), style="red", markup=False)
+        return cause.exit_code
+    if isinstance(cause, BrokenPipeError):  # whoever read our output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    show = getattr(cause, "show", None)  # the command line's own errors know how to show themselves
     if show is None:
         raise error
     show()
@@ -73,7 +79,7 @@ def _root(
 @cli.command()
 def demo(
     seconds: Seconds = None,
-    headless: Annotated[bool, typer.Option("--headless", help="No colours, no live line: for scripts.")] = False,
+    headless: Annotated[bool, typer.Option("--headless", help="No colours and no live values: for scripts.")] = False,
     as_json: AsJson = False,
 ) -> int:
     """Run everything on an emulated PLC that plays ramp–hold–ramp–hold with noise over OPC-UA and Modbus.
@@ -187,6 +193,7 @@ def health(
 def export_modbus_map(
     config: ConfigPath,
     style: Annotated[str, typer.Option("--format", help="csv, md or json.")] = "csv",
+    port: Annotated[int | None, typer.Option(help="Which server, where the configuration has several.")] = None,
 ) -> int:
     """Print the register map of the Modbus server, from the table that the server uses.
 
@@ -196,7 +203,7 @@ def export_modbus_map(
 
     if style not in ("csv", "md", "json"):
         raise UsageError(f"--format {style}: expected csv, md or json")
-    return modbus_map(config, style)
+    return modbus_map(config, style, port)
 
 
 __all__: list[Any] = ["cli", "run_command_line"]

@@ -107,3 +107,40 @@ def test_a_table_on_a_pipe_is_never_cut():
     done = softplc("check", "config/plant.yaml")
     assert "nsu=urn:plant:line4;s=Infeed.Position" in done.stdout
     assert done.stdout.splitlines()[0].split()[:4] == ["axis", "task", "period_ms", "source"]
+
+
+def test_errors_of_a_configuration_are_json_where_json_is_asked_for(tmp_path):
+    path = tmp_path / "wrong.yaml"
+    path.write_text("sources: 3\n")
+    done = softplc("check", str(path), "--json")
+    assert done.returncode == 78
+    assert json.loads(done.stdout)["errors"]
+
+
+def test_a_missing_secret_is_told_by_check_and_names_its_owner():
+    done = softplc("check", "config/plant.yaml")
+    assert done.returncode == 0
+    assert "is not set; it must hold the secret" in done.stderr
+    assert "source " in done.stderr
+
+
+def test_check_connect_without_its_secret_is_a_configuration_error_without_traceback():
+    done = softplc("check", "config/plant.yaml", "--connect")
+    assert done.returncode == 78
+    assert "Traceback" not in done.stderr
+
+
+def test_browse_says_what_an_endpoint_looks_like():
+    done = softplc("browse", "127.0.0.1:4841")
+    assert done.returncode == 2
+    assert "opc.tcp://127.0.0.1:4841" in done.stderr
+
+
+def test_an_address_that_is_not_ours_is_not_called_in_use(tmp_path):
+    path = tmp_path / "c.yaml"
+    text = (ROOT / "config" / "demo.yaml").read_text()
+    path.write_text(text.replace("port: 5020", "port: 5020\n    host: 192.0.2.1"))  # kept for documentation, RFC 5737
+    done = softplc("run", str(path))
+    assert done.returncode == 1
+    assert "in use" not in done.stderr
+    assert "192.0.2.1" in done.stderr

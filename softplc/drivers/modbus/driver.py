@@ -29,7 +29,6 @@ _SEARCH_SHARE: Final = 0.25  # of a read's time limit, for finding which address
 class ModbusDriver:
     """One connection to one unit of a Modbus device, over TCP, a serial line, or a serial line behind TCP."""
 
-    problems: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
 
     def __init__(
@@ -43,6 +42,16 @@ class ModbusDriver:
         self._poll: PollState | None = None
         self._client: Client | None = None
         self._single_writes = True  # until the device refuses function 6
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """The readings that the device refuses, with its own exception."""
+        refused = {} if self._poll is None else self._poll.refused
+        return tuple(
+            f"{tag}: the device answers {refused[span]}"
+            for span, tag in zip(self._spans, self._readings, strict=True)
+            if span in refused
+        )
 
     async def open(self) -> None:
         """Connect and read everything once, which shows that the device answers and finds what it does not know.

@@ -42,11 +42,28 @@ class ProtocolError(LinkError):
     """The device answered against the protocol, or with the answer to something else."""
 
 
+_EXCEPTION_NAMES: Final = {
+    1: "illegal function",
+    2: "illegal data address",
+    3: "illegal data value",
+    4: "server device failure",
+    5: "acknowledge",
+    6: "server device busy",
+    8: "memory parity error",
+    10: "gateway path unavailable",
+    11: "gateway target device failed to respond",
+}
+"""Modbus application protocol V1.1b3, section 7."""
+
+
 @dataclass(frozen=True, slots=True)
 class Refused:
     """The device answered that it will not: the exception code of its reply."""
 
     code: int
+
+    def __str__(self) -> str:
+        return f"exception {self.code}, {_EXCEPTION_NAMES.get(self.code, 'of its own')}"
 
     @property
     def status(self) -> int:

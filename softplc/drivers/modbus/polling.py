@@ -63,6 +63,12 @@ class PollState:
         self._turn = 0
         self._layout = _Layout(values, [])
 
+    @property
+    def refused(self) -> dict[Span, Refused]:
+        """The values that the device refuses alone, and how it did last."""
+        replies = ((span, answer.reply) for span, answer in self._parked.items())
+        return {span: reply for span, reply in replies if isinstance(reply, Refused)}
+
     def start(self) -> "Round":
         """What one read asks; a round that is not finished leaves no trace."""
         self._turn += 1

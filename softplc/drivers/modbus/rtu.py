@@ -67,7 +67,7 @@ def open_serial(port: RtuTransport, protocol: asyncio.Protocol) -> asyncio.Trans
             asyncio.get_running_loop(), protocol, port.device, port.baudrate, 8, port.parity, port.stop_bits, 0
         )
     except RuntimeError as error:
-        raise LinkError("serial lines need pyserial, which is not installed: pip install softplc[serial]") from error
+        raise LinkError("serial lines need pyserial, which is not installed: pip install pyserial") from error
     except termios.error as error:
         settings = f"{port.baudrate} Bd, parity {port.parity}, {port.stop_bits} stop bits"
         raise LinkError(f"{port.device} does not take {settings}: {error.args[-1]}") from error
