@@ -37,7 +37,9 @@ def describe(config: Config) -> list[dict[str, Any]]:
 
 def missing_secrets(config: Config) -> list[str]:
     """One text for each secret that is not where the configuration says; a run would end at it."""
-    users = [(f"source {source.name}", getattr(source, "user", None)) for source in config.sources]
+    users: list[tuple[str, Any]] = [
+        (f"source {source.name}", getattr(source, "user", None)) for source in config.sources
+    ]
     for publisher in config.publishers:
         users += [(f"{publisher.type} publisher", user) for user in getattr(publisher, "users", ())]
     texts = []

@@ -139,6 +139,7 @@ def test_browse_says_what_an_endpoint_looks_like():
 def test_an_address_that_is_not_ours_is_not_called_in_use(tmp_path):
     path = tmp_path / "c.yaml"
     text = (ROOT / "config" / "demo.yaml").read_text()
+    text = text.replace("4840", str(free_port()))
     path.write_text(text.replace("port: 5020", "port: 5020\n    host: 192.0.2.1"))  # kept for documentation, RFC 5737
     done = softplc("run", str(path))
     assert done.returncode == 1
