@@ -5,7 +5,6 @@ SoftplcError                 exit 1   something failed; the text says what and w
 ├── ConfigError              exit 78  the configuration is wrong (EX_CONFIG)
 ├── UsageError               exit 2   the command line is wrong
 └── LinkError                exit 69  a source cannot be reached or does not speak as agreed (EX_UNAVAILABLE)
-    └── BindingError         exit 69  the source answers, but a tag is missing or of another type
 ```
 
 Errors are for start-up and for drivers; while the scan runs, a fault is a StatusCode on a tag.
@@ -45,7 +44,3 @@ class LinkError(SoftplcError):
     """
 
     exit_code = 69
-
-
-class BindingError(LinkError):
-    """The source answers, but a tag is not there, not readable, or not of the type that was agreed."""

@@ -93,6 +93,7 @@ class Link:
 
     def ask(self) -> "asyncio.Task[None] | None":
         """Start this scan's read unless one is outstanding; returns what to wait for, None when there is no link."""
+        self._told.catch_up()
         if self._driver is None:
             return None
         if self._read is None or self._read.done():
@@ -246,6 +247,7 @@ class _Told:
         self._window = -60.0
         self._logged = 0
         self._suppressed = 0
+        self._unsaid: tuple[str, str, dict[str, object]] | None = None
         self._words: set[str] = set()
 
     def up(self) -> None:
@@ -280,13 +282,22 @@ class _Told:
                 self._words.add(text)
                 log.warning(event, source=self._source, text=text)
 
+    def catch_up(self) -> None:
+        """Tell the last change that was left out once there is room again: the log ends with the true state."""
+        if self._unsaid is not None and self._clock.monotonic() - self._window >= 60.0:
+            event, level, fields = self._unsaid
+            self._suppressed -= 1
+            self._tell(event, level, **fields)
+
     def _tell(self, event: str, level: str, **fields: object) -> None:
         now = self._clock.monotonic()
         if now - self._window >= 60.0:
             self._window, self._logged = now, 0
         if self._logged >= _LOGGED_PER_MINUTE:
             self._suppressed += 1
+            self._unsaid = (event, level, fields)
             return
+        self._unsaid = None
         self._logged += 1
         more: dict[str, int] = {"suppressed": self._suppressed} if self._suppressed else {}
         self._suppressed = 0

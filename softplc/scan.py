@@ -173,7 +173,7 @@ class CyclicTask:
                 counted.writes,
                 counted.write_errors,
                 counted.read_time,
-                scan.start - counted.last_read,
+                0.0 if counted.last_read > scan.start else scan.start - counted.last_read,  # read within this scan
             )
             if counted.last_read != counted.last_read:  # NaN: never read
                 self.outputs.statuses[place.block.stop - 1] = StatusCode.BAD_WAITING_FOR_INITIAL_DATA

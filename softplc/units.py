@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Final
 
-DIMENSIONLESS: Final = ""
 UNECE_NAMESPACE: Final = "http://www.opcfoundation.org/UA/units/un/cefact"
 
 

@@ -141,3 +141,16 @@ async def test_a_loss_is_one_line_and_the_return_says_how_long_it_was():
     told = [line["event"] for line in lines if line["event"] != "link still down"]
     assert told == ["link up", "link down", "link up"]
     assert 2.5 <= lines[-1]["down_seconds"] <= 4.5  # down for 3 s, found within the back-off of 1 s
+
+
+async def test_after_a_flapping_link_settles_the_log_tells_the_state_that_it_reached():
+    rig = Rig(period=0.1)
+
+    def flap_then_stay(scan):
+        rig.device.reachable = scan.number > 100 or scan.number % 2 == 0
+
+    with structlog.testing.capture_logs() as lines:
+        await rig.run(900, flap_then_stay)
+    assert rig.value("Sources.plc.Connected") == 1
+    assert lines[-1]["event"] == "link up"
+    assert lines[-1]["suppressed"] > 0

@@ -5,6 +5,7 @@ import multiprocessing
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from typing import Any, Final
 
@@ -35,6 +36,7 @@ class Child:
         self.connection, theirs = SPAWN.Pipe(duplex=False)
         self.ready = asyncio.get_running_loop().create_future()
         self.process = SPAWN.Process(target=self.target, args=(*self.arguments, theirs), name=f"softplc-{self.name}")
+        resource_tracker.ensure_running()  # its own start unblocks SIGINT
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             self.process.start()

@@ -41,7 +41,7 @@ def _run(seconds: float | None, on_ready: OnReady, body: Callable[[OnReady, asyn
         stop = asyncio.Event()
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, stop.set)
+            loop.add_signal_handler(number, _stop_once, stop)
 
         def ready(endpoints: Endpoints) -> None:
             if seconds is not None:
@@ -51,3 +51,11 @@ def _run(seconds: float | None, on_ready: OnReady, body: Callable[[OnReady, asyn
         return await body(ready, stop)
 
     return asyncio.run(until_stopped())
+
+
+def _stop_once(stop: asyncio.Event) -> None:
+    """The first signal stops everything in order; further ones, as of an impatient Ctrl-C, change nothing."""
+    stop.set()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().remove_signal_handler(number)
+        signal.signal(number, signal.SIG_IGN)

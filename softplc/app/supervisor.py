@@ -46,7 +46,12 @@ async def supervise(
         endpoints = await _await_ready(children, stop)
         if not stop.is_set():
             on_ready(endpoints)
-            log.info("started", version=__version__, axes=len(config.axes), **dict(endpoints))
+            log.info(
+                "started",
+                version=__version__,
+                axes=len(config.axes),
+                endpoints=[endpoint for _, endpoint in endpoints],
+            )
             notify(f"READY=1\nSTATUS=scanning {len(config.axes)} axes")
         return await _watch(children, clock, stop)
     finally:

@@ -1,8 +1,15 @@
 """The softplc command: thin commands over app."""
 
+import sys
+
+_RUN_UNTIL_STOPPED = ("demo", "run", "emulate")  # for these Ctrl-C is the usual end
+
 
 def main() -> int:
     """Run the command line; returns the exit code. Imports the commands only now, so that child processes do not."""
-    from softplc.cli.commands import run_command_line  # noqa: PLC0415
+    try:
+        from softplc.cli.commands import run_command_line  # noqa: PLC0415
 
-    return run_command_line()
+        return run_command_line()
+    except KeyboardInterrupt:
+        return 0 if sys.argv[1:2] and sys.argv[1] in _RUN_UNTIL_STOPPED else 130

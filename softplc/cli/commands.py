@@ -26,6 +26,8 @@ cli.add_typer(export, name="export")
 
 ConfigPath = Annotated[Path, typer.Argument(metavar="CONFIG.yaml", help="Configuration file.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+_INTERRUPTED = 130
+
 Seconds = Annotated[float | None, typer.Option("--seconds", min=0.1, help="End by itself after so many seconds.")]
 
 
@@ -35,12 +37,19 @@ def run_command_line() -> int:
         result = cli(standalone_mode=False)
         sys.stdout.flush()
     except typer.Exit as stop:
-        return stop.exit_code
-    except (typer.Abort, KeyboardInterrupt):
-        return 130
+        return _or_interrupt(stop.exit_code)
+    except typer.Abort:
+        raise KeyboardInterrupt from None
     except Exception as error:
         return _exit_code(error)
-    return result if isinstance(result, int) else 0
+    return _or_interrupt(result) if isinstance(result, int) else 0
+
+
+def _or_interrupt(code: int) -> int:
+    """130 is how the command line tells Ctrl-C, which not every command takes for a failure."""
+    if code == _INTERRUPTED:
+        raise KeyboardInterrupt
+    return code
 
 
 def _exit_code(error: Exception) -> int:

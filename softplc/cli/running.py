@@ -1,6 +1,5 @@
 """The commands that keep running: demo, run, emulate."""
 
-import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -107,8 +106,16 @@ def _facts(config: Config, endpoints: Endpoints) -> dict[str, Any]:
         "tasks": {task.name: {"period_ms": task.period_ms} for task in config.tasks},
         "axes": {axis.name: {"source": axis.input.source, "tag": str(axis.input)} for axis in config.axes},
         "sources": {source.name: _where(source) for source in config.sources},
-        "endpoints": dict(endpoints),
+        "endpoints": _by_kind(endpoints),
     }
+
+
+def _by_kind(endpoints: Endpoints) -> dict[str, Any]:
+    """Endpoint by kind of server; a list where there are several of a kind."""
+    kinds: dict[str, list[str]] = {}
+    for kind, endpoint in endpoints:
+        kinds.setdefault(kind, []).append(endpoint)
+    return {kind: found[0] if len(found) == 1 else found for kind, found in kinds.items()}
 
 
 _SHOWN = 8  # axes and sources that the ready block lists one by one
@@ -146,11 +153,9 @@ def _demo_hints(endpoints: Endpoints) -> list[str]:
 
 
 def _command() -> str:
-    """How the user of this shell calls softplc: by name where it is found, else by its path."""
+    """What a person types here to call softplc: its path from a clone, else its name."""
     own = Path(sys.executable).parent / "softplc"
-    if shutil.which("softplc") == str(own) or not own.exists():
-        return "softplc"
-    return str(own.relative_to(Path.cwd())) if own.is_relative_to(Path.cwd()) else str(own)
+    return str(own.relative_to(Path.cwd())) if own.exists() and own.is_relative_to(Path.cwd()) else "softplc"
 
 
 def _where(source: Any) -> str:

@@ -1,5 +1,6 @@
 """Whatever is in a file: a Config or a ConfigError whose every line has a place in the file; and in bounded time."""
 
+import copy
 import json
 import re
 import tempfile
@@ -118,7 +119,7 @@ def test_a_document_with_other_values_in_its_places_loads_or_is_reported(data: s
         if isinstance(parent, dict) and data.draw(st.booleans()):
             parent[data.draw(st.text(max_size=6))] = parent.pop(last)
         else:
-            parent[last] = data.draw(VALUES)
+            parent[last] = copy.deepcopy(data.draw(VALUES))
     check(json.dumps(document).encode())
 
 

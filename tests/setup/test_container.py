@@ -97,6 +97,8 @@ def test_softplc_of_compose_reads_the_tags_that_its_plc_serves():
 
     assert hosts == {f"opc.tcp://plc:{scenario['opcua']['port']}", f"plc:{scenario['modbus']['port']}"}
     assert [axis["name"] for axis in config["axes"]] == [axis["name"] for axis in scenario["axes"]]
+    demo = YAML(typ="safe").load((ROOT / "config" / "demo.yaml").read_text(encoding="utf-8"))
+    assert [axis["input"] for axis in config["axes"]] == [axis["input"] for axis in demo["axes"]]
     assert {part["host"] for part in [*config["publishers"], scenario["opcua"], scenario["modbus"]]} == {"0.0.0.0"}
 
 

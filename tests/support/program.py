@@ -37,7 +37,9 @@ def softplc(
 class Program:
     """A command that keeps running. Both outputs are collected; `ready` waits for the JSON document on stdout."""
 
-    def __init__(self, *arguments: str, cwd: Path | None = None, **more: str) -> None:
+    def __init__(
+        self, *arguments: str, cwd: Path | None = None, start_new_session: bool = False, **more: str
+    ) -> None:
         self.process = subprocess.Popen(
             [sys.executable, "-m", "softplc", *arguments],
             cwd=cwd or ROOT,
@@ -46,6 +48,7 @@ class Program:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
+            start_new_session=start_new_session,
         )
         self.out: list[str] = []
         self.err: list[str] = []
@@ -82,6 +85,13 @@ class Program:
             if "spawn_main" in command:
                 names[name.removeprefix("softplc-")] = int(child)
         return names
+
+    def interrupt(self) -> None:
+        """Ctrl-C: what a terminal sends to every process of the program; needs a session of its own."""
+        try:
+            os.killpg(self.process.pid, signal.SIGINT)
+        except ProcessLookupError:
+            return
 
     def end(self, number: int = signal.SIGTERM, timeout: float = 20.0) -> int:
         """Send a signal and wait; returns the exit code."""

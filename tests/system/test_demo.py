@@ -119,3 +119,14 @@ def test_seconds_ends_by_itself_and_the_block_says_what_to_try_next():
     assert "softplc demo   scan main 50 ms" in text
     assert "what to try next" in text
     assert "Traceback" not in text
+
+
+@pytest.mark.parametrize("seconds", [0.4, 0.9, 1.6])
+def test_an_impatient_ctrl_c_while_it_starts_ends_with_exit_0_and_no_traceback(seconds):
+    with Program("demo", "--headless", start_new_session=True) as program:
+        time.sleep(seconds)  # anywhere within the start; the claim holds for every moment of it
+        for _ in range(2):
+            program.interrupt()
+            time.sleep(0.1)
+        assert program.process.wait(30) == 0
+    assert "Traceback" not in program.text()

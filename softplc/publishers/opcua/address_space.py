@@ -109,7 +109,7 @@ class Nodes:
     def _tag(self, parent: NodeData, block: Block, tag: Tag, index: int) -> None:
         leaf = tag.name.rpartition(".")[2]
         states = _STATES.get((block.kind, leaf))
-        analog = tag.data_type is DataType.DOUBLE and bool(tag.unit)
+        analog = tag.data_type is DataType.DOUBLE and (bool(tag.unit) or tag.range is not None)
         type_id = ua.ObjectIds.BaseDataVariableType
         if analog:
             type_id = ua.ObjectIds.AnalogUnitRangeType
