@@ -18,7 +18,7 @@ from softplc.clock import SystemClock
 from softplc.timing import next_deadline
 
 _PERIOD = 0.01
-_TAGS = 500
+_TAGS = 2000
 _ROUNDS = 3
 
 
@@ -136,7 +136,7 @@ def _draw(results: dict[str, list[float]], path: Path) -> None:
         axis.set_title(f"server in the {name}", fontsize=10, loc="left")
         axis.set_ylabel("interval, ms")
         axis.grid(alpha=0.3)
-    axes[-1].set_xlabel("scan (period 10 ms, one client reading 500 tags in a tight loop)")
+    axes[-1].set_xlabel("scan (period 10 ms, one client reading 2 000 tags in a tight loop)")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, metadata={"Date": None})
 
