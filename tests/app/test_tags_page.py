@@ -1,0 +1,21 @@
+import re
+from pathlib import Path
+
+from softplc.observers.aoi import AoiConfig
+from softplc.observers.axes import AxisSpec, axis_tags
+from softplc.sample import Reason
+from softplc.scan import source_tags, task_tags
+
+PAGE = (Path(__file__).parents[2] / "docs" / "tags.md").read_text(encoding="utf-8")
+
+
+def test_every_published_tag_stands_on_the_page_of_tags():
+    spec = AxisSpec("X")
+    tags = [*axis_tags(spec, AoiConfig(type="aoi", r_x=1.0).tuning_tags(spec)), *task_tags("T"), *source_tags("S")]
+    named = set(re.findall(r"`([A-Za-z0-9_]+)`", PAGE))
+    assert {tag.name.rpartition(".")[2] for tag in tags} <= named
+
+
+def test_every_reason_stands_on_the_page_of_tags_with_its_number():
+    missing = [reason for reason in Reason if reason and f"{reason.value} {reason.name}" not in PAGE]
+    assert missing == [Reason.DT_INVALID]  # only where an observer starts without a usable time step: observers.md
