@@ -156,8 +156,8 @@ class Reader:
         changed = False
         now = self.clock.monotonic()
         for section, (_, start, stop) in enumerate(self.table.sections):
-            changed |= self._take(section, start, stop)
-            changed |= self._judge(section, start, stop, now)
+            taken = self._take(section, start, stop)
+            changed |= self._judge(section, start, stop, now, taken) or taken
         if changed or self._snapshot is None:
             version = self._snapshot.version + 1 if self._snapshot else 1
             self._snapshot = Snapshot(
@@ -208,7 +208,7 @@ class Reader:
                 return True
         return False
 
-    def _judge(self, section: int, start: int, stop: int, now: float) -> bool:
+    def _judge(self, section: int, start: int, stop: int, now: float, taken: bool) -> bool:
         """A task that stopped scanning has no values any more: NaN and BadNoCommunication."""
         scan = self._scans[section]
         if scan is None:
@@ -217,7 +217,7 @@ class Reader:
         alive = now - scan.start <= limit
         changed = alive != self._alive[section]
         self._alive[section] = alive
-        if not alive and changed:
+        if not alive and (changed or taken):  # what a dead task left behind is old the moment it is taken
             self._image.fail(StatusCode.BAD_NO_COMMUNICATION, slice(start, stop))
         return changed
 

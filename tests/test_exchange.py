@@ -59,6 +59,16 @@ def test_a_task_that_stops_scanning_has_bad_tags_and_comes_back_good():
     assert (back.statuses == StatusCode.GOOD).all()
 
 
+def test_a_reader_that_starts_after_the_task_died_sees_bad_tags_not_the_last_good_ones():
+    exchange = make_exchange()
+    exchange.publish(period=0.1)
+    exchange.clock.advance(5.0)
+    late = Reader(exchange.buffer, exchange.table, exchange.clock).snapshot()
+    assert late.alive == (False,)
+    assert (late.statuses == StatusCode.BAD_NO_COMMUNICATION).all()
+    assert np.isnan(late.values).all()
+
+
 def test_snapshots_are_read_only():
     exchange = make_exchange()
     exchange.publish()

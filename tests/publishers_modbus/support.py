@@ -56,7 +56,7 @@ def full_exchange(clock: Clock | None = None) -> Exchange:
     clock = clock or VirtualClock()
     table = full_table()
     buffer = bytearray(size(table))
-    exchange = Exchange(table, Image(len(table)), Writer(buffer, table), Reader(buffer, table, clock), clock)
+    exchange = Exchange(table, Image(len(table)), Writer(buffer, table), Reader(buffer, table, clock), clock, buffer)
     for index, tag in enumerate(table):
         double, boolean = tag.data_type is DataType.DOUBLE, tag.data_type is DataType.BOOLEAN
         exchange.set(tag.name, index % 2 if boolean else (1 - index % 2 * 2) * (index + 0.125) if double else index)

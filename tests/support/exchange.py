@@ -52,6 +52,7 @@ class Exchange:
     writer: Writer
     reader: Reader
     clock: Clock
+    buffer: bytearray
     scans: int = 0
 
     def set(self, name: str, value: float, status: int = StatusCode.GOOD, stamp: int | None = None) -> None:
@@ -75,7 +76,7 @@ def make_exchange(clock: Clock | None = None) -> Exchange:
     clock = clock or VirtualClock()
     table = make_table()
     buffer = bytearray(size(table))
-    exchange = Exchange(table, Image(len(table)), Writer(buffer, table), Reader(buffer, table, clock), clock)
+    exchange = Exchange(table, Image(len(table)), Writer(buffer, table), Reader(buffer, table, clock), clock, buffer)
     for index, tag in enumerate(table):
         exchange.set(tag.name, float(index))
     return exchange
