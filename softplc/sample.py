@@ -69,6 +69,8 @@ class Reason(IntEnum):
     NOT_FINITE = 13  # the state itself is not finite; the axis re-initialises
     CONFIGURATION = 14  # the tag is missing at the source or has another type
     INTERNAL_ERROR = 15  # this observer failed; it is parked, the others run
+    INNOVATION_GATE = 16  # the sample lies too far from the prediction to be believed; predicted instead
+    HELD_AT_STOP = 17  # the estimate reached an end stop before the axis did and waits there for the contact
 
 
 REASON_TEXT: Final[dict[Reason, str]] = {
@@ -88,6 +90,8 @@ REASON_TEXT: Final[dict[Reason, str]] = {
     Reason.NOT_FINITE: "state not finite, re-initialising",
     Reason.CONFIGURATION: "tag missing at the source or of another type",
     Reason.INTERNAL_ERROR: "the observer failed and is parked",
+    Reason.INNOVATION_GATE: "innovation beyond the gate, sample rejected",
+    Reason.HELD_AT_STOP: "estimate waits at the end stop for the contact",
 }
 
 

@@ -20,6 +20,9 @@ _OUTCOME: Final = {
     Result.DISABLED: (StatusCode.UNCERTAIN_SUB_NORMAL, Reason.DISABLED),
     Result.DT_INVALID: (StatusCode.UNCERTAIN_SUB_NORMAL, Reason.DT_INVALID),
     Result.S_NOT_POSITIVE: (StatusCode.UNCERTAIN_SUB_NORMAL, Reason.INNOVATION_VARIANCE),
+    Result.REJECTED: (StatusCode.UNCERTAIN_SUB_NORMAL, Reason.INNOVATION_GATE),
+    Result.HELD: (StatusCode.UNCERTAIN_SUB_NORMAL, Reason.HELD_AT_STOP),
+    Result.WARMING_UP: (StatusCode.UNCERTAIN_INITIAL_VALUE, Reason.INITIALISING),
 }
 
 KERNEL_TAGS: Final = ("Position", "Velocity", "Innovation", "S", "K0", "K1", "P00", "P01", "P11")
