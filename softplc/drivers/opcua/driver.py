@@ -117,7 +117,7 @@ class OpcUaDriver:
         self._look_after()
         if self._subscription is not None:
             self._subscription.check()
-            _copy(self._latest, into)
+            into.take_over(self._latest)
             return
         for batch in self._plan:
             values = await self._session.read(batch.nodes)
@@ -261,13 +261,6 @@ def _put(binding: Binding, data: ua.DataValue, into: Image, arrival: float, now:
         into.source_timestamps[position] = now if stamp is None else stamp
         into.arrivals[position] = arrival
     binding.note(status_of(data))
-
-
-def _copy(source: Image, into: Image) -> None:
-    into.values[:] = source.values
-    into.statuses[:] = source.statuses
-    into.source_timestamps[:] = source.source_timestamps
-    into.arrivals[:] = source.arrivals
 
 
 def _write_value(binding: Binding, index: int | None, value: float) -> ua.WriteValue | None:
