@@ -71,14 +71,19 @@ class Session:
         self._transport: Transport = self._client.uaclient
 
     async def open(self, connect_timeout: float) -> None:
-        """Connect, log in, learn namespaces and limits; each step within `connect_timeout`. Raises LinkError."""
+        """Connect, log in, learn namespaces and limits; each step within `connect_timeout`. Raises LinkError.
+
+        The handshake of TCP and the server's first word have only as long as any request: where nobody is, the next
+        attempt can come soon. Logging in may take a small PLC longer.
+        """
         client = self._client
-        self._transport.set_timeout(connect_timeout)
+        self._transport.set_timeout(min(self._timeout, connect_timeout))
         with link_errors(f"cannot connect to {self.url}"), self._no_endpoint():
             if self._credentials.certificates is not None:
                 await self._credentials.certificates.apply(client)
             await client.connect_socket()
             await self._transport.greet(self.url)
+            self._transport.set_timeout(connect_timeout)
             await client.open_secure_channel()
             self._schedule_renewal()
             await client.create_session()
