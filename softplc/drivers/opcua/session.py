@@ -17,6 +17,7 @@ from asyncua import ua
 
 from softplc.clock import Clock
 from softplc.drivers.opcua.credentials import APPLICATION_NAME, PRODUCT_URI, Credentials
+from softplc.drivers.opcua.left import LEFT_SESSIONS, session_of
 from softplc.drivers.opcua.transport import Transport, make_client
 from softplc.errors import LinkError
 
@@ -61,6 +62,7 @@ class Session:
         self._clock = clock
         self._timeout = timeout
         self._credentials = credentials
+        self._key = (self.url, credentials.user, credentials.application_uri)
         self._closed = False
         self._renew_at = float("inf")
         self._client = make_client(self.url, timeout)
@@ -86,12 +88,14 @@ class Session:
             self._transport.set_timeout(connect_timeout)
             await client.open_secure_channel()
             self._schedule_renewal()
+            login = {"username": self._credentials.user, "password": self._credentials.password}
+            await LEFT_SESSIONS.close_all(self._key, client, self._clock.monotonic(), **login)
             await client.create_session()
-            await client.activate_session(username=self._credentials.user, password=self._credentials.password)
+            await client.activate_session(**login)
         self._transport.set_timeout(self._timeout)
         await self._learn()
         if self._closed:  # given up meanwhile, while something did not let itself be cancelled
-            self._transport.farewell()
+            self._say_farewell()
 
     async def read(self, nodes: Sequence[ua.ReadValueId]) -> list[ua.DataValue]:
         """One Read of attributes with source timestamps, fresh from the device. Raises LinkError."""
@@ -171,7 +175,12 @@ class Session:
         """Let go at once; the socket is gone within a second, whatever the server does."""
         if not self._closed:
             self._closed = True
-            self._transport.farewell()
+            self._say_farewell()
+
+    def _say_farewell(self) -> None:
+        """Close the session, over the next connection where this one is beyond it."""
+        session = session_of(self._client, self._clock.monotonic())
+        self._transport.farewell(lambda: LEFT_SESSIONS.add(self._key, session))
 
     async def _learn(self) -> None:
         """How much goes into one Read, and with that all else."""
