@@ -28,6 +28,7 @@ class Mode(StrEnum):
 class _Connection:
     writers: list[asyncio.StreamWriter]
     dead: bool = False
+    ahead: int = 0
     tasks: list["asyncio.Task[None]"] = field(default_factory=list)
 
     def end(self, reset: bool = False) -> None:
@@ -44,7 +45,8 @@ class Proxy:
     """Listens on `port` and forwards to `target`; `delay` in seconds holds each piece back, in order.
 
     `spoil` is applied to each piece that the server sends, b"" drops it; `truncate` cuts the next one in half and
-    hangs up. Counts `accepted`, `refused` (too many), `resets`, and `pieces` from the client and from the server.
+    hangs up. Counts `accepted`, `refused` (too many) and `resets`; `most_ahead` is the most that a client had asked
+    without an answer, in pieces.
     """
 
     def __init__(self, target: int) -> None:
@@ -53,7 +55,7 @@ class Proxy:
         self.delay = 0.0
         self.spoil: Spoil | None = None
         self.accepted = self.refused = self.resets = 0
-        self.pieces = [0, 0]
+        self.most_ahead = 0
         self._truncate = False
         self._mode = Mode.PASS
         self._changed = asyncio.Event()
@@ -148,6 +150,8 @@ class Proxy:
         try:
             while True:
                 data = await reader.read(PIECE)
+                connection.ahead += 1 if way == 0 else -1
+                self.most_ahead = max(self.most_ahead, connection.ahead)
                 until = loop.time() + self.delay
                 while self._mode is Mode.STALL:
                     await self._changed.wait()
@@ -157,7 +161,6 @@ class Proxy:
                     await asyncio.sleep(until - loop.time())
                 if not data:
                     break
-                self.pieces[way] += 1
                 if way == 1 and self.spoil is not None:
                     data = self.spoil(data)
                 if way == 1 and self._truncate:

@@ -90,6 +90,12 @@ def read_value(node: ua.NodeId | None, attribute: ua.AttributeIds = ua.Attribute
     return ua.ReadValueId(NodeId=node, AttributeId=attribute)
 
 
+def server_time() -> Binding:
+    """What is read where there is no tag to read: the server has to prove that it lives."""
+    address = NodeIdAddress(0, int(ua.ObjectIds.Server_ServerStatus_CurrentTime))
+    return Binding(address, [], ua.NodeId(address.identifier), StatusCode.GOOD, "")
+
+
 def plain_node(node: ua.ExpandedNodeId) -> ua.NodeId | None:
     """The node id without the expansions; None for a node of another server."""
     if getattr(node, "ServerIndex", 0):

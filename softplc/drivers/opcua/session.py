@@ -97,10 +97,13 @@ class Session:
         if self._closed:  # given up meanwhile, while something did not let itself be cancelled
             self._say_farewell()
 
-    async def read(self, nodes: Sequence[ua.ReadValueId]) -> list[ua.DataValue]:
-        """One Read of attributes with source timestamps, fresh from the device. Raises LinkError."""
+    async def read(self, nodes: Sequence[ua.ReadValueId], max_age: float = 0.0) -> list[ua.DataValue]:
+        """One Read of attributes with source timestamps, fresh from the device unless `max_age` (ms) allows other.
+
+        Raises LinkError.
+        """
         parameters = ua.ReadParameters(
-            MaxAge=0.0, TimestampsToReturn=ua.TimestampsToReturn.Source, NodesToRead=list(nodes)
+            MaxAge=max_age, TimestampsToReturn=ua.TimestampsToReturn.Source, NodesToRead=list(nodes)
         )
         return await self._list("Read", self._transport.session.read(parameters), len(nodes))
 

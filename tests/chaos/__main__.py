@@ -1,0 +1,65 @@
+"""The chaos suite in its long form: every fault of the table, held against its limits.
+
+Usage: python3 dev.py chaos [--quick] [--outage SECONDS] [ROW ...]
+Prints the table of docs/reliability.md; exit code 1 when a row does not hold. Takes about 15 minutes; `--quick` does
+less of everything and asserts no times; `--outage 600` adds an outage of ten minutes. Needs node and the packages of
+tests/peers (npm ci).
+"""
+
+import argparse
+import asyncio
+import dataclasses
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+import structlog
+
+from tests.chaos.rig import rig
+from tests.chaos.rows import LONG, ROWS, SHORT, Row, Size
+
+
+async def _run(rows: list[Row], size: Size, folder: Path) -> bool:
+    held = True
+    async with rig(folder) as made:
+        print("| row | fault | expected | result | figure |\n|---|---|---|---|---|", flush=True)
+        for row in rows:
+            begun = time.monotonic()
+            try:
+                await made.all_good()
+                result, figure = "holds", await row.run(made, size)
+            except AssertionError as error:
+                result, figure, held = "**fails**", str(error), False
+                for proxy in made.proxies.values():
+                    proxy.spoil, proxy.delay = None, 0.0
+                    proxy.forget(reset=True)
+            print(f"| {row.name} | {row.fault} | {row.expectation} | {result} | {figure} |", flush=True)
+            print(f"{row.name}: {time.monotonic() - begun:.0f} s", file=sys.stderr, flush=True)
+            made.forget()
+    return held
+
+
+def main() -> int:
+    names = {row.name: row for row in ROWS}
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--outage", type=float, action="append", default=[])
+    parser.add_argument("--resets", type=int)
+    parser.add_argument("rows", nargs="*", metavar="ROW", choices=[[], *names], help=", ".join(names))
+    options = parser.parse_args()
+    size = SHORT if options.quick else LONG
+    size = dataclasses.replace(size, outages=(*size.outages, *options.outage), resets=options.resets or size.resets)
+    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(50))
+    chosen = [names[name] for name in options.rows] or list(ROWS)
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            return 0 if asyncio.run(_run(chosen, size, Path(folder))) else 1
+        except pytest.skip.Exception as missing:
+            print(missing, file=sys.stderr)
+            return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

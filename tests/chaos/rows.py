@@ -1,0 +1,260 @@
+"""The rows of the chaos suite: a fault, what is expected, and what was seen.
+
+A row raises AssertionError when the expectation does not hold, and returns the figures that it measured. In the
+short form it asserts states and orders of events, which hold on a machine of any speed; the long form also holds the
+times against their limits.
+"""
+
+import asyncio
+import gc
+import random
+import signal
+import time
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from softplc.sample import StatusCode
+from tests.chaos import spoils
+from tests.chaos.neighbours import neighbours
+from tests.chaos.rig import KINDS, PERIOD, RATE, Rig
+from tests.support.proxy import Mode
+
+DETECTED = 0.25  # seconds, and not less than two scans: by then a source that is gone is not Good any more
+BACK = 1.0  # seconds: 99 of 100 sources that are back are Good by then
+REPORTED = 2 * PERIOD  # sampling and publishing of a subscription
+UNREPORTED = 0.5  # seconds: silence, two looks at the values and a report's time in between
+LATE = 1.2  # seconds that the short form allows instead
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much of each fault; `strict`: hold times against their limits."""
+
+    strict: bool
+    resets: int
+    outages: tuple[float, ...]
+    repeats: int
+
+    @property
+    def detected(self) -> float:
+        return DETECTED if self.strict else LATE
+
+
+SHORT = Size(strict=False, resets=8, outages=(0.7,), repeats=1)
+LONG = Size(strict=True, resets=1000, outages=(1.0, 10.0), repeats=40)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table."""
+
+    name: str
+    fault: str
+    expectation: str
+    run: Callable[[Rig, Size], Awaitable[str]]
+
+
+def milliseconds(values: Sequence[float]) -> str:
+    """Median, 99th percentile and largest."""
+    if len(values) < 3:
+        return "/".join(f"{value * 1e3:.0f}" for value in values) + " ms"
+    p50, p99 = np.percentile(values, (50, 99))
+    return f"p50 {p50 * 1e3:.0f}, p99 {p99 * 1e3:.0f}, max {max(values) * 1e3:.0f} ms"
+
+
+def descriptors() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def never_old(rig: Rig, start: float, limit: float, kinds: Sequence[str] = KINDS) -> None:
+    for kind in kinds:
+        wrong = rig.stale(kind, start, limit + REPORTED)
+        assert not wrong, f"{kind}: {len(wrong)} values were Good and old or wrong, as {wrong[0]}"
+
+
+def until_noticed(rig: Rig, kind: str, start: float, end: float) -> float:
+    """Seconds from `start` to the last scan before `end` that was Good."""
+    return max((seen.start - start for seen in rig.since(start, kind) if seen.good and seen.start < end), default=0.0)
+
+
+def noticed(rig: Rig, start: float, end: float, size: Size) -> str:
+    """Nothing Good longer than allowed after `start`; how long it was, for each kind."""
+    times = {kind: until_noticed(rig, kind, start, end) for kind in KINDS}
+    for kind, seconds in times.items():
+        assert seconds <= size.detected, f"{kind}: still Good {seconds * 1e3:.0f} ms after the fault"
+    return "last Good after " + ", ".join(f"{kind} {seconds * 1e3:.0f} ms" for kind, seconds in times.items())
+
+
+async def reset(rig: Rig, size: Size) -> str:
+    gc.collect()
+    tasks, fds = len(asyncio.all_tasks()), descriptors()
+    times: dict[str, list[float]] = {kind: [] for kind in KINDS}
+
+    async def one(kind: str) -> None:
+        for _ in range(size.resets):
+            begun = time.monotonic()
+            rig.proxies[kind].reset()
+            times[kind].append(await rig.good(kind, begun, 2) - begun)
+
+    begun = time.monotonic()
+    await asyncio.gather(*(one(kind) for kind in KINDS))
+    never_old(rig, begun, size.detected)
+    await rig.all_good()
+    await rig.rest(1.2)  # a farewell takes up to a second
+    gc.collect()
+    await rig.until(lambda: len(asyncio.all_tasks()) <= tasks + 2, "the tasks are as many as before")
+    await rig.until(lambda: descriptors() <= fds, "the descriptors are as many as before")
+    return f"{size.resets} each, Good again: " + "; ".join(f"{k} {milliseconds(v)}" for k, v in times.items())
+
+
+async def blackhole(rig: Rig, size: Size) -> str:
+    start = await rig.switch(Mode.BLACKHOLE)
+    await rig.rest(LATE + 0.3)
+    end = await rig.switch(Mode.PASS)
+    told = noticed(rig, start, end, size)
+    never_old(rig, start, size.detected)
+    for kind in ("poll", "modbus"):
+        assert not [seen for seen in rig.since(start, kind) if seen.good and seen.start < end]
+    await rig.all_good()
+    return told
+
+
+def outages(mode: Mode) -> Callable[[Rig, Size], Awaitable[str]]:
+    async def run(rig: Rig, size: Size) -> str:
+        figures = []
+        for seconds in size.outages:
+            times: dict[str, list[float]] = {kind: [] for kind in KINDS}
+            for _ in range(max(1, round(size.repeats / seconds))):
+                start = await rig.switch(mode)
+                await rig.rest(seconds + random.uniform(0.0, 0.8))  # the attempts' phase must not be always the same
+                back = await rig.switch(Mode.PASS)
+                for kind, first in zip(KINDS, await asyncio.gather(*(rig.good(k, back) for k in KINDS)), strict=True):
+                    times[kind].append(first - back)
+                await rig.all_good()
+                never_old(rig, start, size.detected)
+                rig.forget()
+            everyone = [time for kind in KINDS for time in times[kind]]
+            figures.append(f"after {seconds:g} s: {milliseconds(everyone)} ({len(everyone)} ×)")
+            assert not size.strict or np.percentile(everyone, 99) <= BACK, figures[-1]
+        return "first Good " + "; ".join(figures)
+
+    return run
+
+
+async def stopped(rig: Rig, size: Size) -> str:
+    start = time.monotonic()
+    rig.signal(signal.SIGSTOP)
+    try:
+        await rig.rest(2.0)
+    finally:
+        end = time.monotonic()
+        rig.signal(signal.SIGCONT)
+    back = await asyncio.gather(*(rig.good(kind, end) for kind in KINDS))
+    await rig.all_good()
+    told = noticed(rig, start, end, size)
+    never_old(rig, start, size.detected)
+    velocities = [
+        seen.velocity for kind in KINDS for seen in rig.since(end, kind) if seen.velocity_status == StatusCode.GOOD
+    ]
+    low, high = min(velocities), max(velocities)
+    assert -0.5 * RATE <= low and high <= 2.0 * RATE, f"velocity of a ramp of {RATE:g} u/s: {low:.1f} … {high:.1f}"
+    return f"{told}; first Good {milliseconds([t - end for t in back])} after; velocity {low:.1f} … {high:.1f} u/s"
+
+
+async def bad_replies(rig: Rig, size: Size) -> str:
+    count = 0
+    for name, spoil in (*spoils.ANY.items(), ("truncated", None)):
+        start = time.monotonic()
+        for kind in KINDS:
+            rig.proxies[kind].spoil = spoil
+            if spoil is None:
+                rig.proxies[kind].truncate()
+        await rig.rest(0.3)
+        for kind in KINDS:
+            rig.proxies[kind].spoil = None
+            rig.proxies[kind].reset()
+        await rig.all_good()
+        for kind in KINDS:
+            wrong = rig.stale(kind, start, size.detected + REPORTED)
+            assert not wrong, f"{name}: {kind} was Good with {wrong[0]}"
+        count += 1
+    return f"{count} kinds of reply, 0 of them Good"
+
+
+async def wrong_modbus(rig: Rig, size: Size) -> str:
+    for name, spoil in spoils.MODBUS.items():
+        start = time.monotonic()
+        rig.proxies["modbus"].spoil = spoil
+        await rig.rest(0.2)
+        end = time.monotonic()
+        rig.proxies["modbus"].spoil = None
+        await rig.good("modbus", end, 2)
+        good = [seen for seen in rig.since(start, "modbus") if seen.good and seen.start < end]
+        assert not good, f"{name}: Good with {good[0]}"
+        never_old(rig, start, size.detected, ("poll", "subscribe"))
+    return f"{len(spoils.MODBUS)} kinds of reply, 0 of them Good"
+
+
+async def other_server(rig: Rig, size: Size) -> str:
+    start = time.monotonic()
+    await rig.replace_opcua(shift=True)
+    ready = time.monotonic()
+    back = await asyncio.gather(*(rig.good(kind, ready) for kind in ("poll", "subscribe")))
+    await rig.all_good()
+    never_old(rig, start, size.detected)
+    return f"first Good {milliseconds([t - ready for t in back])} after it was ready, with the right value"
+
+
+async def dead_subscription(rig: Rig, size: Size) -> str:
+    rig.proxies["subscribe"].spoil = spoils.WithoutPublishResponses()
+    start = time.monotonic()
+    await rig.rest(LATE + 0.8)
+    end = time.monotonic()
+    rig.proxies["subscribe"].spoil = None
+    rig.proxies["subscribe"].reset()
+    await rig.good("subscribe", end, 5)
+    ages = [seen.age for seen in rig.since(start, "subscribe") if seen.good]
+    never_old(rig, start, UNREPORTED if size.strict else LATE)
+    return f"oldest Good value {max(ages) * 1e3:.0f} ms; reads went on"
+
+
+async def slow(rig: Rig, size: Size) -> str:
+    figures = []
+    for scans in (0.8, 1.5, 3.0):
+        for kind in ("poll", "modbus"):
+            rig.proxies[kind].delay = scans * PERIOD / 2  # there and back
+            rig.proxies[kind].most_ahead = 0
+        await rig.rest(0.3)
+        start = time.monotonic()
+        await rig.rest(1.0)
+        end = time.monotonic()
+        for kind in ("poll", "modbus"):
+            proxy = rig.proxies[kind]
+            seen = [each for each in rig.since(start, kind) if each.start < end]
+            assert not [each for each in seen if each.good], f"{kind}: Good though the reply takes {scans} scans"
+            assert len({each.raw for each in seen}) > 2, f"{kind}: no new values"
+            assert proxy.most_ahead <= 2, f"{kind}: {proxy.most_ahead} requests at once"  # one, and a chore
+            low, high = min(each.velocity for each in seen), max(each.velocity for each in seen)
+            figures.append(f"{kind} {scans:g} scans: {low:.1f} … {high:.1f} u/s")
+            proxy.delay = 0.0
+        await rig.all_good()
+    return "Uncertain throughout; velocity " + ", ".join(figures)
+
+
+ROWS: tuple[Row, ...] = (
+    Row("reset", "connections reset, again and again", "none stuck; tasks and descriptors as before", reset),
+    Row("blackhole", "the cable is pulled (half-open)", "not Good after max(2 scans, 250 ms)", blackhole),
+    Row("refused", "nobody listens for a while", "first Good within 1 s (p99)", outages(Mode.REFUSE)),
+    Row("cut", "the cable is pulled for a while", "first Good within 1 s (p99)", outages(Mode.BLACKHOLE)),
+    Row("stalled", "accepted, nothing forwarded for a while", "first Good within 1 s (p99)", outages(Mode.STALL)),
+    Row("stopped", "SIGSTOP of both PLCs for 2 s, ramp of 10 u/s", "never old and Good; sane velocity", stopped),
+    Row("bad replies", "garbage, zeros, text, none, doubled, tail, truncated", "nothing of it is Good", bad_replies),
+    Row("wrong Modbus", "transaction, length, unit, function, count", "nothing of it is Good", wrong_modbus),
+    Row("another server", "SIGKILL, restart with other indices", "found by URI, never a wrong tag", other_server),
+    Row("dead subscription", "no more reports while reads work", "never old and Good; rebuilt", dead_subscription),
+    Row("slow", "replies after 0.8, 1.5 and 3 scans", "one request at a time, Uncertain, right velocity", slow),
+    Row("silent neighbour", "one of ten devices falls silent", "the others keep rate and status", neighbours),
+)

@@ -1,0 +1,23 @@
+"""The chaos suite in its short form; `python3 dev.py chaos` runs the long one and prints the table."""
+
+from collections.abc import AsyncIterator
+
+import pytest
+import pytest_asyncio
+
+from tests.chaos.rig import Rig, rig
+from tests.chaos.rows import ROWS, SHORT, Row
+
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def plant(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Rig]:
+    async with rig(tmp_path_factory.mktemp("chaos")) as made:
+        yield made
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name.replace(" ", "-"))
+async def test_chaos(plant: Rig, row: Row):
+    print(row.fault, "→", row.expectation)
+    print(await row.run(plant, SHORT))
