@@ -144,6 +144,10 @@ class Link:
         """Have a value written; one that is still waiting is replaced by it."""
         self._pending[position] = value
 
+    def withdraw(self, position: int) -> bool:
+        """A value that was put and not written yet is not to be written any more; whether there was one."""
+        return self._pending.pop(position, None) is not None
+
     def flush(self) -> None:
         """Start writing what was put, unless a write is under way; without a link it is dropped and counted.
 
@@ -258,6 +262,8 @@ class Link:
         try:
             async with asyncio.timeout(self._timeout), self._turn:
                 values, self._pending = self._pending, {}  # the newest, now that it is our turn
+                if not values:  # withdrawn
+                    return
                 statuses = await driver.write(values)
         except (LinkError, TimeoutError) as error:
             self.statistics.write_errors += max(len(values), 1)
