@@ -20,7 +20,8 @@ async def proxied() -> AsyncIterator[Proxy]:
         writer.close()
 
     async with await asyncio.start_server(echo, "127.0.0.1", 0) as server:
-        async with Proxy(server.sockets[0].getsockname()[1]) as proxy:
+        port = server.sockets[0].getsockname()[1]
+        async with Proxy(port) as proxy:
             yield proxy
 
 

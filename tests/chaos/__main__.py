@@ -2,8 +2,8 @@
 
 Usage: python3 dev.py chaos [--quick] [--outage SECONDS] [ROW ...]
 Prints the table of docs/reliability.md; exit code 1 when a row does not hold. Takes about 15 minutes; `--quick` does
-less of everything and asserts no times; `--outage 600` adds an outage of ten minutes. Needs node and the packages of
-tests/peers (npm ci).
+less of everything and asserts no times; `--outage 600` has outages of ten minutes instead of 1 s and 10 s. Needs node
+and the packages of tests/peers (npm ci).
 """
 
 import argparse
@@ -50,7 +50,8 @@ def main() -> int:
     parser.add_argument("rows", nargs="*", metavar="ROW", choices=[[], *names], help=", ".join(names))
     options = parser.parse_args()
     size = SHORT if options.quick else LONG
-    size = dataclasses.replace(size, outages=(*size.outages, *options.outage), resets=options.resets or size.resets)
+    outages, resets = tuple(options.outage) or size.outages, options.resets or size.resets
+    size = dataclasses.replace(size, outages=outages, resets=resets)
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(50))
     chosen = [names[name] for name in options.rows] or list(ROWS)
     with tempfile.TemporaryDirectory() as folder:

@@ -91,7 +91,8 @@ class Rig:
     async def rest(self, seconds: float) -> None:
         """Let scans go on for so long."""
         until = time.monotonic() + seconds
-        await self.until(lambda: time.monotonic() >= until, "time")
+        while time.monotonic() < until:
+            await self._scanned.wait()
 
     async def good(self, kind: str, since: float | None = None, scans: int = 1) -> float:
         """Start of the first of so many Good scans in a row that start after `since`."""
@@ -106,7 +107,7 @@ class Rig:
 
     async def all_good(self) -> None:
         """Every source's output was Good in several scans in a row: the last fault is over."""
-        await asyncio.gather(*(self.good(kind, scans=5) for kind in self.axes))
+        await asyncio.gather(*(self.good(kind, scans=3) for kind in self.axes))
 
     async def switch(self, mode: Mode, kinds: Iterable[str] = KINDS) -> float:
         """All proxies to this mode; the monotonic time of it."""

@@ -43,7 +43,7 @@ class Size:
         return DETECTED if self.strict else LATE
 
 
-SHORT = Size(strict=False, resets=8, outages=(0.7,), repeats=1)
+SHORT = Size(strict=False, resets=4, outages=(0.7,), repeats=1)
 LONG = Size(strict=True, resets=1000, outages=(1.0, 10.0), repeats=40)
 
 
@@ -160,7 +160,7 @@ async def stopped(rig: Rig, size: Size) -> str:
         seen.velocity for kind in KINDS for seen in rig.since(end, kind) if seen.velocity_status == StatusCode.GOOD
     ]
     low, high = min(velocities), max(velocities)
-    assert -0.5 * RATE <= low and high <= 2.0 * RATE, f"velocity of a ramp of {RATE:g} u/s: {low:.1f} … {high:.1f}"
+    assert low >= -0.5 * RATE and high <= 2.0 * RATE, f"velocity of a ramp of {RATE:g} u/s: {low:.1f} … {high:.1f}"
     return f"{told}; first Good {milliseconds([t - end for t in back])} after; velocity {low:.1f} … {high:.1f} u/s"
 
 
@@ -172,7 +172,7 @@ async def bad_replies(rig: Rig, size: Size) -> str:
             rig.proxies[kind].spoil = spoil
             if spoil is None:
                 rig.proxies[kind].truncate()
-        await rig.rest(0.3)
+        await rig.rest(2.0 if size.strict else 0.2)
         for kind in KINDS:
             rig.proxies[kind].spoil = None
             rig.proxies[kind].reset()
@@ -229,7 +229,7 @@ async def slow(rig: Rig, size: Size) -> str:
             rig.proxies[kind].most_ahead = 0
         await rig.rest(0.3)
         start = time.monotonic()
-        await rig.rest(1.0)
+        await rig.rest(3.0 if size.strict else 0.6)
         end = time.monotonic()
         for kind in ("poll", "modbus"):
             proxy = rig.proxies[kind]
