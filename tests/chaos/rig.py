@@ -12,14 +12,17 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from softplc.app.layout import build_layout
+from softplc.app.process import SPAWN
 from softplc.app.scan_process import build_tasks, start_tasks
 from softplc.clock import SystemClock
 from softplc.config.models import Config
+from softplc.emulator.run import run_emulator
+from softplc.emulator.scenario import Scenario
 from softplc.exchange import Writer, size
 from softplc.sample import StatusCode
 from softplc.scan import CyclicTask
 from softplc.timing import Scan
-from tests.drivers_modbus.support import Peer, running_peer
+from tests.drivers_modbus.support import running_peer
 from tests.drivers_opcua.servers import URI, NodePlc
 from tests.support.proxy import Mode, Proxy
 
@@ -42,12 +45,40 @@ class Seen(NamedTuple):
     age: float  # seconds from the making of the raw value in the PLC to the start of this scan; NaN without value
 
 
+class OurPlc:
+    """softplc's own emulator: a ramp of RATE over OPC-UA and Modbus, in one process."""
+
+    def __init__(self) -> None:
+        axis = {"name": "AxisX", "motion": {"type": "ramp_hold", "slope": RATE, "segment_s": 8e4}}
+        axis["noise"] = {"type": "none"}
+        document = {"period_ms": 20, "axes": [axis], "opcua": {"port": 0}, "modbus": {"port": 0}}
+        ours, theirs = SPAWN.Pipe(duplex=False)
+        scenario = Scenario.model_validate_json(json.dumps(document))
+        self._process = SPAWN.Process(target=run_emulator, args=(scenario, theirs), daemon=True)
+        self._process.start()
+        state, endpoints = ours.recv()
+        assert state == "ready", endpoints
+        self.port, self.modbus = (int(endpoints[name].rpartition(":")[2]) for name in ("opcua", "modbus"))
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def close(self) -> None:
+        self._process.kill()
+        self._process.join()
+
+
 @dataclass
 class Rig:
-    """One source of each kind; proxies, links and records by kind."""
+    """One source of each kind; proxies, links and records by kind.
 
-    opcua: NodePlc
-    modbus: Peer
+    `tells_time`: the values tell when the PLC made them; without that their age counts as 0.
+    """
+
+    opcua: Any
+    modbus: Any
+    tells_time: bool
     proxies: dict[str, Proxy]
     task: CyclicTask
     axes: dict[str, tuple[int, int, int]]
@@ -64,7 +95,7 @@ class Rig:
         outputs = self.task.outputs
         for kind, (raw, position, velocity) in self.axes.items():
             value, status = float(outputs.values[raw]), int(outputs.statuses[raw])
-            age = (scan.timestamp / 1e9 - value / RATE) % _WRAP
+            age = (scan.timestamp / 1e9 - value / RATE) % _WRAP if self.tells_time else 0.0
             self.seen[kind].append(
                 Seen(
                     scan.start,
@@ -121,8 +152,8 @@ class Rig:
 
     def signal(self, number: signal.Signals) -> None:
         """To both PLCs."""
-        self.opcua.signal(number)
-        os.kill(self.modbus.pid, number)
+        for pid in {self.opcua.pid, self.modbus.pid}:
+            os.kill(pid, number)
 
     async def replace_opcua(self, **options: Any) -> None:
         """Kill the OPC-UA server and start it anew on its port, other than it was."""
@@ -145,29 +176,22 @@ class Rig:
             del seen[:-1]
 
 
-def config_of(opcua: dict[str, str], modbus: int, period: float = PERIOD) -> Config:
-    """A task with one axis for each kind; urls by mode, port of the Modbus source."""
+def config_of(urls: dict[str, str], modbus: int, node: str, address: str, data_type: str) -> Config:
+    """A task with one axis for each kind; urls by mode, port of the Modbus source, and where the values are."""
     observer = {"type": "aoi", "q_x": 0.001, "q_x_dot": 0.5, "r_x": 0.01}
     sources: list[dict[str, Any]] = [
-        {"type": "opcua", "name": mode, "url": url, "mode": mode} for mode, url in opcua.items()
+        {"type": "opcua", "name": mode, "url": url, "mode": mode} for mode, url in urls.items()
     ]
     sources.append({"type": "modbus", "name": "modbus", "transport": {"host": "127.0.0.1", "port": modbus}})
-    inputs = {
-        **{mode: {"source": mode, "node": f"nsu={URI};s=PLC.Axis.Clock"} for mode in opcua},
-        "modbus": {"source": "modbus", "address": "holding:10", "data_type": "float64"},
+    inputs: dict[str, dict[str, str]] = {mode: {"source": mode, "node": node} for mode in urls}
+    inputs["modbus"] = {"source": "modbus", "address": address, "data_type": data_type}
+    document = {
+        "tasks": [{"name": "main", "period_ms": PERIOD * 1000.0}],
+        "sources": sources,
+        "axes": [{"name": name.capitalize(), "input": tag, "observer": observer} for name, tag in inputs.items()],
+        "publishers": [],
     }
-    return Config.model_validate_json(
-        json.dumps(
-            {
-                "tasks": [{"name": "main", "period_ms": period * 1000.0}],
-                "sources": sources,
-                "axes": [
-                    {"name": name.capitalize(), "input": tag, "observer": observer} for name, tag in inputs.items()
-                ],
-                "publishers": [],
-            }
-        )
-    )
+    return Config.model_validate_json(json.dumps(document))
 
 
 @asynccontextmanager
@@ -185,26 +209,43 @@ async def running(config: Config) -> AsyncIterator[CyclicTask]:
 
 
 @asynccontextmanager
-async def rig(folder: Path, period: float = PERIOD) -> AsyncIterator[Rig]:
-    """node-opcua read by poll and by subscription, modbus-serial; all Good."""
+async def rig(folder: Path) -> AsyncIterator[Rig]:
+    """node-opcua read by poll and by subscription, and modbus-serial; all Good."""
     opcua = await asyncio.to_thread(NodePlc, folder)
     made: Rig | None = None
     async with AsyncExitStack() as stack:
         stack.callback(lambda: (made.opcua if made else opcua).close())  # noqa: PLW0108  which one, is known then
         modbus = await stack.enter_async_context(running_peer())
         await modbus.ask("clock", offset=10)
-        targets = {"poll": opcua.port, "subscribe": opcua.port, "modbus": modbus.port}
-        proxies = {kind: await stack.enter_async_context(Proxy(port)) for kind, port in targets.items()}
-        urls = {kind: f"opc.tcp://127.0.0.1:{proxies[kind].port}" for kind in ("poll", "subscribe")}
-        config = config_of(urls, proxies["modbus"].port, period)
-        layout = build_layout(config)
-        task = await stack.enter_async_context(running(config))
-        axes = {
-            block.name.lower(): (block.index("Raw"), block.index("Position"), block.index("Velocity"))
-            for block in layout.table.blocks
-            if block.kind == "axis"
-        }
-        made = Rig(opcua, modbus, proxies, task, axes, folder, {kind: [] for kind in axes})
-        task.on_scan = made.on_scan
-        await made.all_good()
+        where = (f"nsu={URI};s=PLC.Axis.Clock", "holding:10", "float64")
+        made = await _started(stack, opcua, modbus, modbus.port, folder, where)
         yield made
+
+
+@asynccontextmanager
+async def our_rig(folder: Path) -> AsyncIterator[Rig]:
+    """softplc's own emulator as the source, by poll, subscription and Modbus; all Good."""
+    plc = await asyncio.to_thread(OurPlc)
+    async with AsyncExitStack() as stack:
+        stack.callback(plc.close)
+        where = ("ns=2;s=AxisX.Position", "holding:100", "float32")
+        yield await _started(stack, plc, plc, plc.modbus, folder, where)
+
+
+async def _started(
+    stack: AsyncExitStack, opcua: Any, modbus: Any, modbus_port: int, folder: Path, where: tuple[str, str, str]
+) -> Rig:
+    targets = {"poll": opcua.port, "subscribe": opcua.port, "modbus": modbus_port}
+    proxies = {kind: await stack.enter_async_context(Proxy(port)) for kind, port in targets.items()}
+    urls = {kind: f"opc.tcp://127.0.0.1:{proxies[kind].port}" for kind in ("poll", "subscribe")}
+    config = config_of(urls, proxies["modbus"].port, *where)
+    task = await stack.enter_async_context(running(config))
+    axes = {
+        block.name.lower(): (block.index("Raw"), block.index("Position"), block.index("Velocity"))
+        for block in build_layout(config).table.blocks
+        if block.kind == "axis"
+    }
+    made = Rig(opcua, modbus, opcua is not modbus, proxies, task, axes, folder, {kind: [] for kind in axes})
+    task.on_scan = made.on_scan
+    await made.all_good()
+    return made

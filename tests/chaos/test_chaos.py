@@ -5,19 +5,34 @@ from collections.abc import AsyncIterator
 import pytest
 import pytest_asyncio
 
-from tests.chaos.rig import Rig, rig
+from tests.chaos.rig import Rig, our_rig, rig
 from tests.chaos.rows import ROWS, SHORT, Row
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def plant(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Rig]:
+async def npm(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Rig]:
     async with rig(tmp_path_factory.mktemp("chaos")) as made:
         yield made
 
 
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def ours(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Rig]:
+    async with our_rig(tmp_path_factory.mktemp("chaos")) as made:
+        yield made
+
+
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name.replace(" ", "-"))
-async def test_chaos(plant: Rig, row: Row):
+async def test_third_party_sources(npm: Rig, row: Row):
     print(row.fault, "→", row.expectation)
-    print(await row.run(plant, SHORT))
+    print(await row.run(npm, SHORT))
+
+
+OURS = [row for row in ROWS if row.name in ("reset", "blackhole", "stopped")]
+
+
+@pytest.mark.parametrize("row", OURS, ids=lambda row: row.name)
+async def test_our_own_sources(ours: Rig, row: Row):
+    print(row.fault, "→", row.expectation)
+    print(await row.run(ours, SHORT))
