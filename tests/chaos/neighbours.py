@@ -49,7 +49,7 @@ async def neighbours(rig: Any, size: Any) -> str:
             async with asyncio.timeout(PATIENCE):
                 while not seen or any(seen[-1][0]):
                     await scans(1)
-            n = 200 if size.strict else 30
+            n = 200 if size.strict else 20
             before = await scans(n)
             await proxy.switch(Mode.STALL)
             during = await scans(n)
