@@ -54,6 +54,7 @@ def free_port() -> int:
 def scan_process(config_json: str, buffer: Any, record: Any, stop: Any) -> None:
     """softplc's scans as its own process runs them, and where they start."""
     from softplc.app.layout import build_layout
+    from softplc.app.logs import configure_logs
     from softplc.app.realtime import freeze_garbage
     from softplc.app.scan_process import build_tasks, start_tasks
     from softplc.clock import SystemClock
@@ -62,7 +63,9 @@ def scan_process(config_json: str, buffer: Any, record: Any, stop: Any) -> None:
 
     async def run() -> None:
         clock = SystemClock()
-        layout = build_layout(Config.model_validate_json(config_json))
+        config = Config.model_validate_json(config_json)
+        configure_logs(config.log, "scan")
+        layout = build_layout(config)
         (task,) = build_tasks(layout, Writer(buffer, layout.table), clock)
         task.on_scan = lambda scan: _note(record, scan.start)
         async with asyncio.TaskGroup() as group:

@@ -18,8 +18,9 @@ from pathlib import Path
 import pytest
 import structlog
 
+from tests.chaos.claims import LONG, SHORT, Size
 from tests.chaos.rig import our_rig, rig
-from tests.chaos.rows import LONG, ROWS, SHORT, Row, Size
+from tests.chaos.rows import ROWS, Row
 
 THIRD_PARTY = ("another server", "silent neighbour")
 

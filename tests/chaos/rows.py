@@ -10,41 +10,17 @@ import gc
 import random
 import signal
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from softplc.sample import StatusCode
 from tests.chaos import spoils
+from tests.chaos.claims import BACK, LATE, UNREPORTED, Size, descriptors, milliseconds, never_old, noticed
 from tests.chaos.neighbours import neighbours
 from tests.chaos.rig import KINDS, PERIOD, RATE, Rig
 from tests.support.proxy import Mode
-
-DETECTED = 0.25  # seconds, and not less than two scans: by then a source that is gone is not Good any more
-BACK = 1.0  # seconds: 99 of 100 sources that are back are Good by then
-REPORTED = 2 * PERIOD  # sampling and publishing of a subscription
-UNREPORTED = 0.5  # seconds: silence, two looks at the values and a report's time in between
-LATE = 1.2  # seconds that the short form allows instead
-
-
-@dataclass(frozen=True)
-class Size:
-    """How much of each fault; `strict`: hold times against their limits."""
-
-    strict: bool
-    resets: int
-    outages: tuple[float, ...]
-    repeats: int
-
-    @property
-    def detected(self) -> float:
-        return DETECTED if self.strict else LATE
-
-
-SHORT = Size(strict=False, resets=4, outages=(0.7,), repeats=1)
-LONG = Size(strict=True, resets=1000, outages=(1.0, 10.0), repeats=40)
 
 
 @dataclass(frozen=True)
@@ -55,37 +31,6 @@ class Row:
     fault: str
     expectation: str
     run: Callable[[Rig, Size], Awaitable[str]]
-
-
-def milliseconds(values: Sequence[float]) -> str:
-    """Median, 99th percentile and largest."""
-    if len(values) < 3:
-        return "/".join(f"{value * 1e3:.0f}" for value in values) + " ms"
-    p50, p99 = np.percentile(values, (50, 99))
-    return f"p50 {p50 * 1e3:.0f}, p99 {p99 * 1e3:.0f}, max {max(values) * 1e3:.0f} ms"
-
-
-def descriptors() -> int:
-    return len(list(Path("/proc/self/fd").iterdir()))
-
-
-def never_old(rig: Rig, start: float, limit: float, kinds: Sequence[str] = KINDS) -> None:
-    for kind in kinds:
-        wrong = rig.stale(kind, start, limit + REPORTED)
-        assert not wrong, f"{kind}: {len(wrong)} values were Good and old or wrong, as {wrong[0]}"
-
-
-def until_noticed(rig: Rig, kind: str, start: float, end: float) -> float:
-    """Seconds from `start` to the last scan before `end` that was Good."""
-    return max((seen.start - start for seen in rig.since(start, kind) if seen.good and seen.start < end), default=0.0)
-
-
-def noticed(rig: Rig, start: float, end: float, size: Size) -> str:
-    """Nothing Good longer than allowed after `start`; how long it was, for each kind."""
-    times = {kind: until_noticed(rig, kind, start, end) for kind in KINDS}
-    for kind, seconds in times.items():
-        assert seconds <= size.detected, f"{kind}: still Good {seconds * 1e3:.0f} ms after the fault"
-    return "last Good after " + ", ".join(f"{kind} {seconds * 1e3:.0f} ms" for kind, seconds in times.items())
 
 
 async def reset(rig: Rig, size: Size) -> str:
@@ -181,9 +126,7 @@ async def bad_replies(rig: Rig, size: Size) -> str:
             rig.proxies[kind].spoil = None
             rig.proxies[kind].reset()
         await rig.all_good()
-        for kind in KINDS:
-            wrong = rig.stale(kind, start, size.detected + REPORTED)
-            assert not wrong, f"{name}: {kind} was Good with {wrong[0]}"
+        never_old(rig, start, size.detected)
         count += 1
     return f"{count} kinds of reply, 0 of them Good"
 
@@ -248,6 +191,54 @@ async def slow(rig: Rig, size: Size) -> str:
     return "Uncertain throughout; velocity " + ", ".join(figures)
 
 
+FAULTS = ("stall", "hold", "blackhole", "refuse", "delay", "spoil", "reset", "truncate", "nothing")
+
+
+async def everything(rig: Rig, size: Size) -> str:
+    """Faults drawn by lot, often several at a time, each source by itself; the same ones each time."""
+    chance = random.Random(7)
+    start = time.monotonic()
+    until = start + (120.0 if size.strict else 3.0)
+    counts: dict[str, int] = {}
+
+    async def torment(kind: str) -> None:
+        proxy = rig.proxies[kind]
+        bad = list(spoils.ANY.values()) + (list(spoils.MODBUS.values()) if kind == "modbus" else [])
+        while time.monotonic() < until:
+            fault = chance.choice(
+                ("stall", "hold", "blackhole", "refuse", "delay", "spoil", "reset", "truncate", "nothing")
+            )
+            counts[fault] = counts.get(fault, 0) + 1
+            match fault:
+                case "stall" | "hold" | "blackhole" | "refuse":
+                    await proxy.switch(Mode(fault))
+                case "delay":
+                    proxy.delay = chance.uniform(0.0, 0.2)
+                case "spoil":
+                    proxy.spoil = chance.choice(bad)
+                case "reset":
+                    proxy.reset()
+                case "truncate":
+                    proxy.truncate()
+            await rig.rest(chance.choice((0.02, 0.1, 0.3, 0.7)))
+            if fault in ("stall", "hold", "blackhole", "refuse") or chance.random() < 0.5:
+                await proxy.switch(Mode.PASS)
+                proxy.delay, proxy.spoil = 0.0, None
+                await rig.rest(chance.choice((0.02, 0.1, 0.5)))
+        await proxy.switch(Mode.PASS)
+        proxy.delay, proxy.spoil = 0.0, None
+
+    await asyncio.gather(*(torment(kind) for kind in KINDS))
+    for kind in KINDS:
+        rig.proxies[kind].reset()
+    await rig.all_good()
+    never_old(rig, start, UNREPORTED if size.strict else LATE)
+    good = [sum(seen.good for seen in rig.since(start, kind)) for kind in KINDS]
+    scans = len(rig.since(start, KINDS[0]))
+    assert all(good), f"{good} Good"
+    return f"{sum(counts.values())} faults in {scans} scans, {sum(good)} values Good and none of them old or wrong"
+
+
 ROWS: tuple[Row, ...] = (
     Row("reset", "connections reset, again and again", "none stuck; tasks and descriptors as before", reset),
     Row("blackhole", "the cable is pulled (half-open)", "not Good after max(2 scans, 250 ms)", blackhole),
@@ -260,5 +251,6 @@ ROWS: tuple[Row, ...] = (
     Row("another server", "SIGKILL, restart with other indices", "found by URI, never a wrong tag", other_server),
     Row("dead subscription", "no more reports while reads work", "never old and Good; rebuilt", dead_subscription),
     Row("slow", "replies after 0.8, 1.5 and 3 scans", "one request at a time, Uncertain, right velocity", slow),
+    Row("everything", "all of these by lot, overlapping", "never old or wrong and Good; Good in the end", everything),
     Row("silent neighbour", "one of ten devices falls silent", "the others keep rate and status", neighbours),
 )

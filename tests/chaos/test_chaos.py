@@ -5,8 +5,9 @@ from collections.abc import AsyncIterator
 import pytest
 import pytest_asyncio
 
+from tests.chaos.claims import SHORT
 from tests.chaos.rig import Rig, our_rig, rig
-from tests.chaos.rows import ROWS, SHORT, Row
+from tests.chaos.rows import ROWS, Row
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from asyncua import ua
 
+from softplc.clock import SystemClock
 from softplc.drivers.opcua.binding import Binding
 from softplc.drivers.opcua.driver import OpcUaDriver
 from softplc.drivers.opcua.node import NodeIdAddress
@@ -18,7 +19,7 @@ from tests.chaos.spoils import WithoutPublishResponses
 from tests.drivers_opcua.conftest import StartPlc
 from tests.drivers_opcua.opened import make_driver, opened, read, read_until
 from tests.drivers_opcua.servers import AsyncuaPlc, NodePlc
-from tests.support.proxy import Proxy
+from tests.support.proxy import Mode, Proxy
 
 AXIS = "ns=2;s=PLC.Axis"
 
@@ -189,13 +190,31 @@ async def test_a_subscription_that_reports_slowly_is_not_taken_for_dead(plc: Nod
         assert len(changes) > 2
 
 
+async def test_what_was_held_up_on_its_way_is_not_taken_for_current(plc: NodePlc):
+    async with Proxy(plc.port) as proxy:
+        url = f"opc.tcp://127.0.0.1:{proxy.port}"
+        async with opened(url, [f"{AXIS}.Clock"], mode="subscribe") as driver:
+            image = await read(driver, 1)
+            await proxy.switch(Mode.HOLD)
+            stalled = time.time()
+            reading = asyncio.create_task(driver.read(image))
+            while (await asyncio.wait({reading}, timeout=0.5))[0]:  # until one has to wait for an answer
+                reading = asyncio.create_task(driver.read(image))
+            await asyncio.sleep(1.5)
+            await proxy.switch(Mode.PASS)
+            await reading
+            made = stalled - (stalled - image.values[0] / 10.0) % 10_000.0  # the value is 10 a second
+            assert made + 10_000.0 * (made < stalled - 5_000.0) > stalled + 1.0  # the proof's first answer is older
+
+
 async def test_of_many_variables_the_last_reported_and_some_others_in_turn_are_witnesses():
     readings = [Binding(NodeIdAddress(2, f"v{n}"), [(n, None)], ua.NodeId(f"v{n}", 2), 0, "") for n in range(100)]
     for binding in readings:
         binding.monitored = True
     latest = Image(100)
     latest.arrivals[:] = range(100)
-    witnesses = Witnesses(readings, latest)
-    called = [witnesses.call() for _ in range(10)]
+    session: Any = None  # nothing is asked here
+    witnesses = Witnesses(session, readings, latest, SystemClock())
+    called = [witnesses.some() for _ in range(10)]
     assert all(set(range(90, 100)) <= set(numbers) and len(numbers) <= MOST for numbers in called)
     assert set().union(*called) == set(range(100))

@@ -19,6 +19,7 @@ class Mode(StrEnum):
 
     PASS = "pass"
     STALL = "stall"  # connections are accepted, nothing is forwarded; what was held goes on with the next mode
+    HOLD = "hold"  # the same for what the server sends alone; the client's requests reach it
     BLACKHOLE = "blackhole"  # as when the cable is pulled: nothing comes and nobody is told, for ever, on any
     # connection that saw it; new ones are accepted and as dead
     REFUSE = "refuse"  # nobody listens; what is connected is reset
@@ -110,6 +111,13 @@ class Proxy:
             connection.end(reset)
         return len(connections)
 
+    def _forget_a_dead_one(self) -> None:
+        """Of connections that nobody will ever hear of again the proxy has only so many."""
+        dead = next((connection for connection in self._connections if connection.dead), None)
+        if dead is not None:
+            self._connections.discard(dead)
+            dead.end()
+
     async def _listen(self) -> None:
         self._listener = await asyncio.start_server(self._serve, "127.0.0.1", self.port, limit=PIECE)
         self.port = self._listener.sockets[0].getsockname()[1]
@@ -122,6 +130,8 @@ class Proxy:
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         connection = _Connection([writer], dead=self._mode is Mode.BLACKHOLE)
+        if len(self._connections) >= MOST:
+            self._forget_a_dead_one()
         if len(self._connections) >= MOST:
             self.refused += 1
             connection.end(reset=True)
@@ -153,7 +163,7 @@ class Proxy:
                 connection.ahead += 1 if way == 0 else -1
                 self.most_ahead = max(self.most_ahead, connection.ahead)
                 until = loop.time() + self.delay
-                while self._mode is Mode.STALL:
+                while self._mode is Mode.STALL or (self._mode is Mode.HOLD and way == 1):
                     await self._changed.wait()
                 if connection.dead:
                     await loop.create_future()  # for ever; `forget` ends it

@@ -21,13 +21,13 @@ from typing import Final
 from asyncua import ua
 
 from softplc.clock import Clock
-from softplc.drivers.opcua.binding import Binding, bind, group, read_value, server_time
+from softplc.drivers.opcua.binding import Binding, bind, group, put, read_value, server_time
 from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
 from softplc.drivers.opcua.credentials import Credentials
 from softplc.drivers.opcua.session import Session, batches, within
 from softplc.drivers.opcua.subscription import Subscription
-from softplc.drivers.opcua.values import decode, encode, status_of
-from softplc.drivers.opcua.witnesses import CACHED, Witnesses
+from softplc.drivers.opcua.values import encode
+from softplc.drivers.opcua.witnesses import Witnesses
 from softplc.errors import LinkError
 from softplc.sample import StatusCode, is_bad
 from softplc.tags import Image
@@ -79,7 +79,7 @@ class OpcUaDriver:
         self._plan: list[_Batch] = []
         self._subscription: Subscription | None = None
         self._latest = Image(len(readings))
-        self._witnesses = Witnesses(self._readings, self._latest)
+        self._witnesses = Witnesses(self._session, self._readings, self._latest, clock)
         self._answered = -math.inf
         self._awaited: set[int] = set()
         self._fault: LinkError | None = None
@@ -131,7 +131,7 @@ class OpcUaDriver:
             values = await self._session.read(batch.nodes)
             arrival, now = self._clock.monotonic(), self._clock.utc_ns()
             for binding, data in zip(batch.bindings, values, strict=True):
-                _put(binding, data, into, arrival, now)
+                put(binding, data, into, arrival, now)
         for binding in self._readings:
             if binding.node is None:
                 into.fail(binding.status, (position for position, _ in binding.uses))
@@ -220,25 +220,25 @@ class OpcUaDriver:
         self._subscription.check()
 
     async def _prove_life(self, subscription: Subscription) -> None:
-        """Wait for an answer from a server that is silent. The link takes no values for current until it came."""
+        """Wait for an answer from a server that is silent. The link takes no values for current until it came.
+
+        Of an answer that took long nobody knows when it was given, nor of the reports that came with it: the server
+        is asked once more, for everything.
+        """
+        limit = max(self._period, PROOF_AFTER)
         silent_since = max(subscription.last_sign, self._answered)
-        if self._clock.monotonic() - silent_since <= max(self._period, PROOF_AFTER):
+        if self._clock.monotonic() - silent_since <= limit:
             return
-        called = self._witnesses.call()
-        nodes = [server_time().node, *(self._readings[number].node for number in called)]
-        values: list[ua.DataValue] = []
-        for some in batches(nodes, self._session.limits.read):
-            values += await self._session.read([read_value(node) for node in some], CACHED)
-        self._answered = self._clock.monotonic()
+        asked = self._clock.monotonic()
         grace = subscription.sampling + 2.0 * subscription.publishing
-        silenced = self._witnesses.judge(called, values[1:], self._answered, grace)
-        if silenced:
-            raise LinkError(f"{self._session.url}: {silenced}")
+        self._answered = await self._witnesses.ask(self._witnesses.some(), grace)
+        if self._answered - asked > limit:
+            self._answered = await self._witnesses.ask(self._witnesses.everybody(), grace)
 
     def _take(self, handle: int, data: ua.DataValue, arrival: float) -> None:
         self._awaited.discard(handle)
         self._witnesses.reported(handle)
-        _put(self._readings[handle], data, self._latest, arrival, self._clock.utc_ns())
+        put(self._readings[handle], data, self._latest, arrival, self._clock.utc_ns())
 
     def _look_after(self) -> None:
         """Start the chores when they are due; raise what they found wrong with the connection."""
@@ -270,16 +270,6 @@ class OpcUaDriver:
             self._plan = self._make_plan()
         else:
             await self._monitor([binding for binding in lost if not binding.monitored])
-
-
-def _put(binding: Binding, data: ua.DataValue, into: Image, arrival: float, now: int) -> None:
-    for position, index in binding.uses:
-        value, status, stamp = decode(data, index)
-        into.values[position] = value
-        into.statuses[position] = status
-        into.source_timestamps[position] = now if stamp is None else stamp
-        into.arrivals[position] = arrival
-    binding.note(status_of(data))
 
 
 def _write_value(binding: Binding, index: int | None, value: float) -> ua.WriteValue | None:

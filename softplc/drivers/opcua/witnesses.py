@@ -1,9 +1,10 @@
 """Variables that are read while a subscription is silent: has it nothing to report, or does it not report it?
 
 A subscription can die without a word while reads go on; what it showed last then looks like values that stand still.
-So the read that proves the server's life also asks for some of the subscribed variables. One that differs from what
-was reported, and goes on differing for longer than a report takes, is a change that the subscription did not report.
-Asked is for the server's cached values, which is what it samples: a device behind it may be ahead of both.
+So the read that proves the server's life also asks for some of the subscribed variables. One whose value differs from
+what is shown and is newer by its source timestamp contradicts the subscription; when that goes on for longer than a
+report takes, the subscription is dead. Asked is for the server's cached values, which is what it samples: a device
+behind it may be ahead of both.
 """
 
 import heapq
@@ -13,8 +14,11 @@ from typing import Final
 
 from asyncua import ua
 
-from softplc.drivers.opcua.binding import Binding
+from softplc.clock import Clock
+from softplc.drivers.opcua.binding import Binding, put, read_value, server_time
+from softplc.drivers.opcua.session import Session, batches
 from softplc.drivers.opcua.values import decode
+from softplc.errors import LinkError
 from softplc.tags import Image
 
 MOST: Final = 20
@@ -26,14 +30,14 @@ CACHED: Final = float(2**31 - 1)
 class Witnesses:
     """What a subscription shows in `latest` against what the server says when it is asked."""
 
-    def __init__(self, readings: Sequence[Binding], latest: Image) -> None:
-        self._readings, self._latest = readings, latest
+    def __init__(self, session: Session, readings: Sequence[Binding], latest: Image, clock: Clock) -> None:
+        self._session, self._readings, self._latest, self._clock = session, readings, latest, clock
         self._doubts: dict[int, float] = {}
         self._turn = 0
 
-    def call(self) -> list[int]:
-        """Positions among the readings of those to be asked now."""
-        live = [number for number, binding in enumerate(self._readings) if binding.monitored]
+    def some(self) -> list[int]:
+        """Positions among the readings of at most MOST to be asked now."""
+        live = self.everybody()
         if len(live) <= MOST:
             return live
         arrivals = self._latest.arrivals
@@ -42,22 +46,38 @@ class Witnesses:
         turn = [live[(self._turn + step) % len(live)] for step in range(MOST // 2)]
         return list(dict.fromkeys((*newest, *turn)))
 
+    def everybody(self) -> list[int]:
+        """Positions of all that are subscribed."""
+        return [number for number, binding in enumerate(self._readings) if binding.monitored]
+
     def reported(self, number: int) -> None:
         """The subscription reported this one: it does its work."""
         self._doubts.pop(number, None)
 
-    def judge(self, numbers: Sequence[int], values: Sequence[ua.DataValue], now: float, grace: float) -> str:
-        """What the subscription kept silent about for longer than `grace` seconds, in words; empty when nothing."""
-        for number, data in zip(numbers, values, strict=True):
-            binding = self._readings[number]
-            if all(self._agrees(position, data, index) for position, index in binding.uses):
-                self._doubts.pop(number, None)
-            elif now - self._doubts.setdefault(number, now) > grace:
-                return f"{binding.address} changed, and the subscription does not report it"
-        return ""
+    async def ask(self, numbers: Sequence[int], grace: float) -> float:
+        """Read the server's clock and these; `latest` takes over what is newer than what was reported.
 
-    def _agrees(self, position: int, data: ua.DataValue, index: int | None) -> bool:
-        value, status, _ = decode(data, index)
+        Returns when the answer came, in monotonic seconds. Raises LinkError when there is none, and when the
+        subscription kept silent about a change for longer than `grace` seconds.
+        """
+        nodes = [server_time().node, *(self._readings[number].node for number in numbers)]
+        values: list[ua.DataValue] = []
+        for batch in batches(nodes, self._session.limits.read):
+            values += await self._session.read([read_value(node) for node in batch], CACHED)
+        now = self._clock.monotonic()
+        for number, data in zip(numbers, values[1:], strict=True):
+            binding = self._readings[number]
+            if any(self._differs(position, data, index) for position, index in binding.uses):
+                if now - self._doubts.setdefault(number, now) > grace:
+                    what = f"{binding.address} changed, and the subscription does not report it"
+                    raise LinkError(f"{self._session.url}: {what}")
+                put(binding, data, self._latest, now, self._clock.utc_ns())
+        return now
+
+    def _differs(self, position: int, data: ua.DataValue, index: int | None) -> bool:
+        value, status, stamp = decode(data, index)
+        if stamp is None or stamp <= self._latest.source_timestamps[position]:
+            return False
         shown = float(self._latest.values[position])
         same = value == shown or (math.isnan(value) and math.isnan(shown))
-        return same and status >> 30 == int(self._latest.statuses[position]) >> 30
+        return not same or status >> 30 != int(self._latest.statuses[position]) >> 30
