@@ -102,17 +102,12 @@ class Link:
 
     def latch(self, inputs: Image, start: int) -> None:
         """Copy the newest samples to `inputs` from index `start`, with the status that they deserve in this scan."""
-        stop = start + len(self.samples)
         if self._driver is None:
             self.samples.fail(StatusCode.BAD_NO_COMMUNICATION)
-        inputs.values[start:stop] = self.samples.values
-        inputs.source_timestamps[start:stop] = self.samples.source_timestamps
-        inputs.arrivals[start:stop] = self.samples.arrivals
-        statuses = self.samples.statuses
+        inputs.take_over(self.samples, start)
         if self._read is not None and not self._read.done():
-            late = statuses < np.uint32(StatusCode.BAD)
-            statuses = np.where(late, np.uint32(StatusCode.UNCERTAIN_LAST_USABLE_VALUE), statuses)
-        inputs.statuses[start:stop] = statuses
+            statuses = inputs.statuses[start : start + len(self.samples)]
+            statuses[statuses < np.uint32(StatusCode.BAD)] = StatusCode.UNCERTAIN_LAST_USABLE_VALUE
 
     def put(self, position: int, value: float) -> None:
         """Have a value written; one that is still waiting is replaced by it."""
@@ -203,10 +198,7 @@ class Link:
         if self._told.tags(self._readings, self.samples.statuses, self._incoming.statuses):
             self._told.words("tag problem", driver.problems)
         self.samples, self._incoming = self._incoming, self.samples
-        self._incoming.values[:] = self.samples.values
-        self._incoming.statuses[:] = self.samples.statuses
-        self._incoming.source_timestamps[:] = self.samples.source_timestamps
-        self._incoming.arrivals[:] = self.samples.arrivals
+        self._incoming.take_over(self.samples)  # a driver may fill in only what is new
         now = self._clock.monotonic()
         self.statistics.reads += 1
         self.statistics.read_time = now - begun
