@@ -56,11 +56,11 @@ class Consistency:
         self._tolerance = _ROUNDING * float(np.finfo(dtype).eps)
         self._has_covariance = "MinEigenvalue" in tags
         self._windowed = tags.rows(*_WINDOWED)
-        self._covariance = tags.rows("MinEigenvalue") if self._has_covariance else None
         self._verdict = np.zeros(n, np.uint8)
         self._z = np.full(n, np.nan)
         self._same = np.zeros(n, np.int64)
         self._updated: Flags = np.zeros(n, np.bool_)
+        self._status = np.full(n, StatusCode.BAD_WAITING_FOR_INITIAL_DATA, np.uint32)
         for leaf in _WINDOWED:
             tags.row(leaf)[:] = np.nan
         tags.row("NISLow")[:], tags.row("NISHigh")[:] = batch.nis_band(window)
@@ -97,10 +97,13 @@ class Consistency:
         self._tell(samples)
 
     def _count_repetitions(self, z: NDArray[np.float64], stepped: Flags) -> None:
-        repeated = z == self._z
-        self._same[stepped] += 1
-        self._same[stepped & ~repeated] = 1
-        np.copyto(self._z, z, where=stepped)
+        if stepped.all():
+            self._same *= z == self._z
+            self._same += 1
+            np.copyto(self._z, z)
+        else:
+            np.copyto(self._same, np.where(z == self._z, self._same + 1, 1), where=stepped)
+            np.copyto(self._z, z, where=stepped)
 
     def _refresh(self) -> None:
         """Some window moved: figures and verdict anew."""
@@ -116,19 +119,21 @@ class Consistency:
             wrong = (verdict != Diagnosis.NOT_ENOUGH_DATA) & (verdict != Diagnosis.CONSISTENT)
             verdict[wrong & bleeds.astype(np.bool_)] = Diagnosis.BLEED
         self._verdict = verdict
+        self._settle_status()
+
+    def _settle_status(self) -> None:
+        """What the windowed tags are while the estimates are Good."""
+        full = np.uint32(StatusCode.GOOD), np.uint32(StatusCode.UNCERTAIN_INITIAL_VALUE)
+        self._status = np.where(self._state.full, *full)
+        self._status[self._state.filled == 0] = StatusCode.BAD_WAITING_FOR_INITIAL_DATA
 
     def _tell(self, samples: "Judgement") -> None:
-        """Statuses: Good where the window is full and the estimates are; old values are Uncertain, none are Bad."""
-        full = self._state.full
-        status = np.where(full, np.uint32(StatusCode.GOOD), np.uint32(StatusCode.UNCERTAIN_INITIAL_VALUE))
+        """Statuses: as the window is, but Uncertain as well where the estimates are not Good."""
         current = samples.status < np.uint32(StatusCode.UNCERTAIN)
-        if not current.all():
-            uncertain = samples.reason == Reason.INPUT_UNCERTAIN
-            old = np.where(uncertain, samples.status, np.uint32(StatusCode.UNCERTAIN_LAST_USABLE_VALUE))
-            status = np.where(current | ~full, status, old)
-        status[self._state.filled == 0] = StatusCode.BAD_WAITING_FOR_INITIAL_DATA
-        self._tags.tell(self._windowed, status)
-        if self._covariance is not None:
-            none = np.isnan(self._tags.row("MinEigenvalue"))
-            bad = np.where(none, np.uint32(StatusCode.BAD_WAITING_FOR_INITIAL_DATA), samples.status)
-            self._tags.tell(self._covariance, bad)
+        if current.all():
+            self._tags.tell(self._windowed, self._status)
+            return
+        uncertain = samples.reason == Reason.INPUT_UNCERTAIN
+        old = np.where(uncertain, samples.status, np.uint32(StatusCode.UNCERTAIN_LAST_USABLE_VALUE))
+        good = self._status < np.uint32(StatusCode.UNCERTAIN)
+        self._tags.tell(self._windowed, np.where(current | ~good, self._status, old))

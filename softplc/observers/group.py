@@ -8,13 +8,16 @@ from numpy.typing import DTypeLike, NDArray
 
 from softplc.kernel.result import Result
 from softplc.observers.axes import AxisPlace
+from softplc.observers.commands import Commands
+from softplc.observers.consistency import LAMP, Consistency
 from softplc.observers.enable import Enable
 from softplc.observers.judgement import Judgement
-from softplc.observers.kernel import Given, Kernel
-from softplc.observers.leaves import STATE
+from softplc.observers.kernel import Flags, Given, Kernel
+from softplc.observers.published import Published
+from softplc.observers.shadow import Shadow
 from softplc.observers.timestep import TimeStep
 from softplc.sample import Reason, StatusCode, quality
-from softplc.tags import Block, Image, Role
+from softplc.tags import Image
 from softplc.timing import Scan
 
 _OUTCOME: Final = {
@@ -32,7 +35,7 @@ class AxisGroup:
     """All axes that one kernel steps, in one task. Arrays[axes]; one call of `begin` and `finish` a scan.
 
     Between the two the observer steps the kernel with `given`. Raises ValueError when the axes' blocks differ in
-    their tags.
+    their tags, or the axes in the window of their consistency tags.
     """
 
     def __init__(self, places: Sequence[AxisPlace], dtype: DTypeLike, kernel: Kernel) -> None:
@@ -40,7 +43,8 @@ class AxisGroup:
         self.enable = Enable(places)
         self.time = TimeStep(places)
         self._kernel = kernel
-        self._tags = _Tags(places)
+        self.commands = Commands(places, self.enable, kernel)
+        self._tags = Published(places)
         n = len(places)
         self._contacts = [(row, place.contact) for row, place in enumerate(places) if place.contact is not None]
         self.given = Given(self.enable.state, self.samples.z, self.time.dt, self.time.rows, np.full(n, np.nan))
@@ -49,14 +53,49 @@ class AxisGroup:
         self._started = np.nan
         for leaf, values in kernel.tuning.items():
             self._tags.row(leaf)[:] = values
+        spec = places[0].spec
+        if any((place.spec.consistency, place.spec.shadow) != (spec.consistency, spec.shadow) for place in places):
+            raise ValueError("axes of one observer must have the same consistency and shadow")
+        self._consistency = Consistency(spec, kernel, self._tags, n, dtype) if LAMP in self._tags else None
+        self._shadow = Shadow(places, self._tags) if spec.shadow else None
+        own_dt = [-1 if place.shadow_dt is None else place.shadow_dt for place in places]
+        self._own_dt = np.array(own_dt, np.intp) if any(index >= 0 for index in own_dt) else None
+        self._inputs: Image | None = None
 
     def begin(self, scan: Scan, inputs: Image) -> None:
         """Judge the samples and decide the time steps; makes the kernel start anew where it has to."""
+        self._inputs = inputs
         self.enable.read(inputs)
+        self._obey()
         self.samples.judge(inputs, self._has_values)
-        self.time.advance(scan, self.samples, self.enable.state, self._kernel.init)
+        self.time.advance(scan, self.samples, self.enable.state, self._kernel.init, self._steps_of_the_plc(inputs))
         for row, index in self._contacts:
             self.given.contact[row] = inputs.values[index]  # NaN while it is Bad
+
+    def _obey(self) -> None:
+        """Do what clients have written since the last scan. A new tuning leaves the state as it is."""
+        commands = self.commands
+        if commands.retuned:
+            retuned: Flags = np.zeros(len(commands.resets), np.bool_)
+            for leaf, axis in commands.retuned:
+                self._tags.retuned(leaf, axis, float(self._kernel.tuning[leaf][axis]))
+                retuned[axis] = True
+            commands.retuned.clear()
+            if self._consistency is not None:
+                self._consistency.clear(retuned)
+        if commands.resets.any():
+            self._kernel.clear(commands.resets)
+            for room in (self._consistency, self._shadow):
+                if room is not None:
+                    room.clear(commands.resets)
+            commands.resets.fill(False)
+
+    def _steps_of_the_plc(self, inputs: Image) -> NDArray[np.float64] | None:
+        """The time steps that PLCs measured themselves, seconds; NaN where there is none."""
+        if self._own_dt is None:
+            return None
+        known = (self._own_dt >= 0) & (inputs.statuses[self._own_dt] < np.uint32(StatusCode.BAD))
+        return np.where(known, inputs.values[self._own_dt] / 1000.0, np.nan)
 
     def finish(self, scan: Scan, outputs: Image, results: NDArray[np.uint8], finite: NDArray[np.bool_]) -> None:
         """Write the standard tags of what the kernel did; `finite` tells where its state is a number."""
@@ -78,12 +117,19 @@ class AxisGroup:
             np.divide(nis, S, out=nis, where=S > 0.0)
             np.copyto(nis, 0.0, where=~(S > 0.0))
 
+        stepped = time.rows & finite
+        if self._consistency is not None:
+            self._consistency.judge(samples, stepped, results)
+        if self._shadow is not None and self._inputs is not None:
+            self._shadow.judge(scan, self._inputs, samples, stepped, self.enable.state, results)
+
         tags.row("Raw")[:] = samples.raw
         tags.row("Age")[:] = self._age(scan)
         tags.row("Quality")[:] = quality(samples.status)
         tags.row("Reason")[:] = samples.reason
-        tags.row("Enabled")[:] = self.enable.state
-        tags.write(scan, outputs, samples, time.timestamps, self.enable.state)
+        tags.row("Enabled")[:] = tags.row("Enable")[:] = self.enable.state
+        tags.row("Reset")[:] = self.commands.reset_state
+        tags.write(scan, outputs, samples, time.timestamps)
 
     def park(self, outputs: Image) -> None:
         """Every estimate is NaN and BadInternalError from here; Raw stays as it was last."""

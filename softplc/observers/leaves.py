@@ -4,6 +4,8 @@ An observer names the leaves that it fills; the same name means the same thing e
 axis of unit u: "u/s" is mm/s where the axis is in mm.
 """
 
+import math
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -14,7 +16,11 @@ from softplc.units import per_second, squared
 
 @dataclass(frozen=True, slots=True)
 class Leaf:
-    """One tag that an axis may have. `limits` are those of a value written to a tuning tag, both allowed."""
+    """One tag that an axis may have.
+
+    `limits` are those of a value that is written to a tuning tag, both allowed; without limits its value is fixed
+    when the observer is built, and nobody writes it.
+    """
 
     name: str
     unit: str
@@ -58,6 +64,8 @@ _ESTIMATES: Final = (
     Leaf("P01", "u2/s", "Covariance of position and velocity estimates"),
     Leaf("P11", "(u/s)2", "Variance of the velocity estimate"),
     Leaf("NIS", "", "Normalised innovation squared, y²/S; its mean is 1 when the tuning is consistent"),
+    Leaf("MinEigenvalue", "", "Smallest eigenvalue of P, not below 0 in a valid covariance"),
+    Leaf("CovarianceValid", "", "P is finite and has no negative eigenvalue", DataType.BOOLEAN),
     Leaf("Dt", "s", "Time step that the observer used in this scan"),
 )
 _STATE: Final = (
@@ -65,20 +73,52 @@ _STATE: Final = (
     Leaf("Quality", "", "0 Bad, 1 Uncertain, 2 Good", DataType.UINT16),
     Leaf("Reason", "", "Why the outputs are not Good; 0 when they are", DataType.UINT16),
     Leaf("Enabled", "", "The observer runs", DataType.BOOLEAN),
+    Leaf("Consistency", "", "1 when the tuning fits; other numbers say what is wrong with it", DataType.UINT16),
 )
-_COMMANDS: Final = (Leaf("Enable", "", "Command: run the observer", DataType.BOOLEAN),)
+_COMMANDS: Final = (
+    Leaf("Enable", "", "Command: run the observer", DataType.BOOLEAN),
+    Leaf("Reset", "", "Command: on its rising edge the observer starts anew with the next sample", DataType.BOOLEAN),
+)
+_CONSTANTS: Final = (
+    Leaf("NISLow", "", "95 % of consistent windows have a mean NIS from here to NISHigh"),
+    Leaf("NISHigh", "", "95 % of consistent windows have a mean NIS from NISLow to here"),
+    Leaf("AutocorrelationLimit", "", "95 % of consistent windows have a smaller AutocorrelationMax"),
+)
+_JUDGED: Final = (
+    Leaf("NISMean", "", "Mean of NIS over the window"),
+    Leaf("Autocorrelation", "", "Autocorrelation of the innovations at lag 1, over the window"),
+    Leaf("AutocorrelationMax", "", "Largest autocorrelation of the innovations by amount, over all lags"),
+    Leaf("Outside", "", "Fraction of the window's innovations outside ±2√S; 0.0455 when consistent"),
+    Leaf("PositionDelta", "u", "Position minus the PLC's own y, in the newest scan that stepped"),
+    Leaf("VelocityDelta", "u/s", "Velocity minus the PLC's own y_dot, in the newest scan that stepped"),
+    Leaf("PositionDeltaMax", "u", "Largest PositionDelta by amount since start, enable or reset"),
+    Leaf("VelocityDeltaMax", "u/s", "Largest VelocityDelta by amount since start, enable or reset"),
+)
+_FROM_ZERO: Final = (0.0, sys.float_info.max)
+_ABOVE_ZERO: Final = (sys.float_info.min, sys.float_info.max)
+_FACTOR: Final = (sys.float_info.min, math.nextafter(1.0, 0.0))
+_YES_NO: Final = (0.0, 1.0)
 _TUNING: Final = (
-    Leaf("q_x", "u2", "Process noise of the position, per scan"),
-    Leaf("q_x_dot", "(u/s)2", "Process noise of the velocity, per scan"),
-    Leaf("r_x", "u2", "Measurement noise, per sample"),
-    Leaf("BleedEnable", "", "Velocity damping near rest", DataType.BOOLEAN),
-    Leaf("BleedThresh", "u", "Deviation below which the velocity bleeds"),
-    Leaf("BleedFactor", "", "What the velocity is multiplied by in each such scan"),
+    Leaf("q_x", "u2", "Process noise of the position, per scan", limits=_FROM_ZERO),
+    Leaf("q_x_dot", "(u/s)2", "Process noise of the velocity, per scan", limits=_FROM_ZERO),
+    Leaf("r_x", "u2", "Measurement noise, per sample", limits=_ABOVE_ZERO),
+    Leaf("BleedEnable", "", "Velocity damping near rest", DataType.BOOLEAN, _YES_NO),
+    Leaf("BleedThresh", "u", "Deviation below which the velocity bleeds", limits=_FROM_ZERO),
+    Leaf("BleedFactor", "", "What the velocity is multiplied by in each such scan", limits=_FACTOR),
 )
 
-LEAVES: Final = {leaf.name: leaf for leaf in (*_OUTPUTS, *_INPUTS, *_ESTIMATES, *_STATE, *_COMMANDS, *_TUNING)}
+_ALL: Final = (*_OUTPUTS, *_INPUTS, *_ESTIMATES, *_JUDGED, *_STATE, *_COMMANDS, *_CONSTANTS, *_TUNING)
+LEAVES: Final = {leaf.name: leaf for leaf in _ALL}
 """Every leaf by its name."""
-STATE: Final = tuple(leaf.name for leaf in (*_STATE, *_COMMANDS))
+COMMANDS: Final = tuple(leaf.name for leaf in _COMMANDS)
+"""Leaves that a client may write to make the observer do something."""
+STATE: Final = (*(leaf.name for leaf in _STATE), *COMMANDS)
 """Leaves that are always Good: they say how the axis is, not what it estimates."""
+CONSTANTS: Final = tuple(leaf.name for leaf in _CONSTANTS)
+"""Leaves that never change."""
+JUDGED: Final = tuple(leaf.name for leaf in _JUDGED)
+"""Leaves that carry a status of their own: they compare the estimates, over time or with somebody else's."""
 ESTIMATES: Final = tuple(leaf.name for leaf in (*_OUTPUTS, *_ESTIMATES))
-"""Leaves that carry the status of the estimate, on some observer or other; a write-back may take any of them."""
+"""Leaves that carry the status of the estimate, on some observer or other."""
+WRITE_BACK: Final = (*ESTIMATES, *JUDGED, "Consistency", "Quality")
+"""Leaves that may be written back into a source, where the axis has them."""

@@ -1,6 +1,7 @@
 """The time step of each axis: measured, never lost, never negative; and what a repeated sample is worth."""
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,8 @@ from softplc.observers.judgement import Judgement
 from softplc.timing import Scan
 
 Flags = NDArray[np.bool_]
+
+_SAME_STEP: Final = 1.5  # the PLC's step and ours are the same when they differ by less than this factor
 
 
 class TimeStep:
@@ -44,8 +47,18 @@ class TimeStep:
         self.rows: Flags = np.zeros(n, np.bool_)
         self.predict: Flags = np.zeros(n, np.bool_)
 
-    def advance(self, scan: Scan, samples: Judgement, enabled: Flags, init: Flags) -> None:
-        """Decide this scan's steps; clears `init[axes]` where the observer has to start again."""
+    def advance(
+        self,
+        scan: Scan,
+        samples: Judgement,
+        enabled: Flags,
+        init: Flags,
+        of_the_plc: NDArray[np.float64] | None = None,
+    ) -> None:
+        """Decide this scan's steps; clears `init[axes]` where the observer has to start again.
+
+        `of_the_plc`: the step that the PLC's own observer used for this sample, seconds, NaN where that is not known.
+        """
         elapsed = scan.dt if scan.dt > 0.0 else 0.0
         usable = samples.usable
         self._pending += elapsed
@@ -70,6 +83,8 @@ class TimeStep:
             self.dt[started] = np.where(enabled[started], elapsed, 0.0)
             self._repeated_for[started] = 0.0
         np.copyto(self.dt, self._pending, where=self.predict)
+        if of_the_plc is not None:
+            self._follow(of_the_plc, running, enabled)
 
         np.copyto(self._pending, 0.0, where=self.rows)
         np.copyto(self._unseen, 0.0, where=usable)
@@ -104,3 +119,9 @@ class TimeStep:
         carried = np.where(sound & running, np.clip(-rest, 0.0, scan.period), 0.0)
         ahead = np.where(same_stamp, self._ahead + self._pending, carried)
         np.copyto(self._ahead, ahead, where=usable & ~predict)
+
+    def _follow(self, of_the_plc: NDArray[np.float64], running: Flags, enabled: Flags) -> None:
+        """Use the PLC's own steps, unless they cannot span the time that we measured: then a sample was missed."""
+        near = (of_the_plc < self.dt * _SAME_STEP) & (of_the_plc * _SAME_STEP > self.dt)
+        starts = ~running & enabled & (of_the_plc > 0.0) & (of_the_plc <= self._reinit_after)
+        np.copyto(self.dt, of_the_plc, where=self.rows & (starts | (running & near)))

@@ -16,6 +16,7 @@ oldest leaves, and the ten are added up anew, so that nothing drifts. A window t
 """
 
 import math
+import sys
 from statistics import NormalDist
 from typing import Any, Final
 
@@ -30,6 +31,7 @@ Flags = NDArray[np.bool_]
 BLOCKS: Final = 10
 EXPECTED_OUTSIDE: Final = math.erfc(math.sqrt(2.0))  # of a normal variable beyond two sigma: 0.0455
 
+_MOST: Final = sys.float_info.max
 _NIS_ALARM: Final = 0.999  # of consistent windows lie inside; the published band is at 95 %
 _WHITE_ALARM: Final = 2.6  # standard errors of the mean autocorrelation, 99 %
 _LAG_ALARM: Final = 0.2  # mean autocorrelation that counts as lag: a fifth of the innovation could be predicted
@@ -62,7 +64,8 @@ class ConsistencyState:
     @property
     def full(self) -> Flags:
         """Rows whose window is full."""
-        return self.filled == BLOCKS
+        full: Flags = self.filled == BLOCKS
+        return full
 
     def clear(self, rows: Flags) -> None:
         """Forget everything about these rows, as before the first update after a start."""
@@ -109,8 +112,21 @@ def step(state: ConsistencyState, y: Numbers, S: Numbers, rows: Flags) -> Flags 
     ended: Flags = state.count >= state.window // BLOCKS
     if not ended.any():
         return None
-    _close(state, np.flatnonzero(ended))
+    if ended.all() and (state.at == state.at[0]).all():
+        _close_all(state, int(state.at[0]))
+    else:
+        _close(state, np.flatnonzero(ended))
     return ended
+
+
+def _close_all(state: ConsistencyState, at: int) -> None:
+    """The growing block of every row becomes the newest of the window; all of them lie in the same place."""
+    np.copyto(state.blocks[at], state.sums)
+    np.add.reduce(state.blocks, axis=0, out=state.totals)
+    state.at.fill((at + 1) % BLOCKS)
+    np.minimum(state.filled + 1, BLOCKS, out=state.filled)
+    state.sums.fill(0.0)
+    state.count.fill(0)
 
 
 def _close(state: ConsistencyState, rows: NDArray[np.intp]) -> None:
@@ -211,9 +227,11 @@ def smallest_eigenvalue(P00: Numbers, P01: Numbers, P11: Numbers) -> Numbers:
 
     As det/λ_max where λ_max > 0, which keeps its digits where the entries differ by many powers of ten.
     """
-    half = 0.5 * (P00 + P11)
-    gap = 0.5 * (P00 - P11)
-    root = np.hypot(gap, P01)
-    largest = half + root
-    smallest: Numbers = np.where(largest > 0.0, (P00 * P11 - P01 * P01) / largest, half - root)
+    gap = 0.5 * P00 - 0.5 * P11
+    root = np.sqrt(gap * gap + P01 * P01)
+    largest = 0.5 * P00 + 0.5 * P11 + root
+    smallest: Numbers = np.where(largest > 0.0, (P00 * P11 - P01 * P01) / largest, largest - 2.0 * root)
+    if not np.isfinite(smallest).all():  # a product overflowed
+        plain = 0.5 * P00 + 0.5 * P11 - np.hypot(gap, P01)
+        smallest = np.where(np.isfinite(smallest), smallest, np.clip(plain, -_MOST, _MOST))
     return smallest

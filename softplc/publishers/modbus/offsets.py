@@ -98,7 +98,10 @@ AXIS: Final = Frame(
         "P11": 18,
         "NIS": 20,
         "Dt": 22,
-        "Age": 24,  # 26…31 are kept for estimates to come
+        "Age": 24,
+        "Acceleration": 26,
+        "NISMean": 28,
+        "Outside": 30,
         "q_x": 32,
         "q_x_dot": 34,
         "r_x": 36,
@@ -109,12 +112,32 @@ AXIS: Final = Frame(
         "Enabled": 44,
         "Enable": 45,
         "BleedEnable": 46,
+        "Autocorrelation": 50,
+        "PositionDelta": 52,
+        "VelocityDelta": 54,
+        "PositionDeltaMax": 56,
+        "VelocityDeltaMax": 58,
+        "Rejected": 60,  # an axis has a gate or a stop, never both
+        "Impacts": 60,
+        "Consistency": 62,
+        "Contact": 63,
     },
     (
         Derived(47, "AgeMs", _U16, "ms", "Age in whole ms; 65535 when longer or unknown", Origin.MILLISECONDS, "Age"),
         Derived(48, "Status", _U32, "", "OPC UA StatusCode of the position", Origin.STATUS, "Position"),
     ),
     range(50, 64),
+    frozenset(
+        {
+            "AutocorrelationMax",
+            "AutocorrelationLimit",
+            "NISLow",
+            "NISHigh",
+            "MinEigenvalue",
+            "CovarianceValid",
+            "Reset",
+        }
+    ),
 )
 FRAMES: Final = {"task": TASK, "source": SOURCE, "axis": AXIS}
 """Kind of block (`softplc.tags.Block.kind`) → its frame, in order of address."""
