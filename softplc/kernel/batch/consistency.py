@@ -155,7 +155,7 @@ class Figures:
 def chi_square_mean(p: float, n: int) -> float:
     """Quantile p of a mean of n squared standard normal variables, χ²(n)/n, by Wilson and Hilferty.
 
-    (1 − 2/(9n) + z·√(2/(9n)))³; within 0.001 of the true value for n ≥ 50 and p from 0.0005 to 0.9995.
+    (1 − 2/(9n) + z·√(2/(9n)))³; within 0.003 of the true value for n ≥ 50 and p from 0.0005 to 0.9995.
     """
     spread = 2.0 / (9.0 * n)
     root = 1.0 - spread + NormalDist().inv_cdf(p) * math.sqrt(spread)
