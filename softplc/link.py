@@ -23,6 +23,8 @@ from softplc.tags import Image
 
 _BACK_OFF_FIRST = 0.05  # seconds
 _BACK_OFF_MOST = 1.0
+_WRITE_PAUSE_FIRST = 1.0  # after a write that cost the connection; longer each time, so that reading goes on
+_WRITE_PAUSE_MOST = 60.0
 _CLOSE_LIMIT = 1.0
 _LOGGED_PER_MINUTE = 6  # changes of a flapping link that are logged; the others are counted
 
@@ -70,6 +72,8 @@ class Link:
         self._read: asyncio.Task[None] | None = None
         self._write: asyncio.Task[None] | None = None
         self._pending: dict[int, float] = {}
+        self._write_pause = 0.0
+        self._write_from = float("-inf")
         self._closing: set[asyncio.Task[None]] = set()
         self._told = _Told(name, clock)
         self._write_status: dict[int, int] = {}
@@ -114,12 +118,17 @@ class Link:
         self._pending[position] = value
 
     def flush(self) -> None:
-        """Start writing what was put, unless a write is under way; without a link it is dropped and counted."""
+        """Start writing what was put, unless a write is under way; without a link it is dropped and counted.
+
+        A device that does not answer writes costs the connection each time, so writing pauses longer and longer.
+        """
         if not self._pending:
             return
         if self._driver is None:
             self.statistics.write_errors += len(self._pending)
             self._pending.clear()
+        elif self._clock.monotonic() < self._write_from:
+            return  # what was put waits, and newer values replace it
         elif self._write is None or self._write.done():
             self._write = asyncio.create_task(self._do_write(self._driver), name=f"write {self.name}")
 
@@ -213,12 +222,16 @@ class Link:
         except (LinkError, TimeoutError) as error:
             self.statistics.write_errors += max(len(values), 1)
             self._fail(driver, str(error) or f"write not confirmed within {self._timeout:g} s")
+            self._write_pause = min(max(2.0 * self._write_pause, _WRITE_PAUSE_FIRST), _WRITE_PAUSE_MOST)
+            self._write_from = self._clock.monotonic() + self._write_pause
+            log.warning("writing pauses", source=self.name, seconds=self._write_pause)
             return
         except Exception as error:  # a driver's defect is this link's fault alone
             log.exception("driver failed to write", source=self.name)
             self.statistics.write_errors += max(len(values), 1)
             self._fail(driver, repr(error))
             return
+        self._write_pause = 0.0
         for position, status in statuses.items():
             failed = is_bad(status)
             self.statistics.writes += not failed

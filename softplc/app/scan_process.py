@@ -69,9 +69,11 @@ def build_tasks(layout: Layout, writer: Writer, clock: Clock) -> list[CyclicTask
 
     def dispatch_commands() -> None:
         for index, value in writer.commands():
-            taken = any(observer.command(index, value) for task in tasks for observer in task.observers)
-            if not taken:
-                log.warning("command for a tag that takes none", tag=layout.table.tags[index].name)
+            tag, old = layout.table.tags[index].name, float(image.values[index])
+            if not any(observer.command(index, value) for task in tasks for observer in task.observers):
+                log.warning("command not taken: no such value for this tag", tag=tag, value=value)
+            elif value != old:
+                log.info("tag changed by a client", tag=tag, old=old, new=value)
 
     tasks += [_build_task(task, image, writer, clock, dispatch_commands) for task in layout.tasks]
     return tasks

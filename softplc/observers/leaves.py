@@ -105,6 +105,8 @@ _TUNING: Final = (
     Leaf("BleedEnable", "", "Velocity damping near rest", DataType.BOOLEAN, _YES_NO),
     Leaf("BleedThresh", "u", "Deviation below which the velocity bleeds", limits=_FROM_ZERO),
     Leaf("BleedFactor", "", "What the velocity is multiplied by in each such scan", limits=_FACTOR),
+    Leaf("Q", "(u/s)2", "Process noise of the velocity, per scan", limits=_FROM_ZERO),
+    Leaf("R", "u2", "Measurement noise, per sample", limits=_ABOVE_ZERO),
 )
 
 _ALL: Final = (*_OUTPUTS, *_INPUTS, *_ESTIMATES, *_JUDGED, *_STATE, *_COMMANDS, *_CONSTANTS, *_TUNING)
