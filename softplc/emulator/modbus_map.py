@@ -18,7 +18,10 @@ axis i at 100 + 20·i:
 +8–9     FilteredPosition     float32  writable
 +10–11   FilteredVelocity     float32  writable
 +12      Quality              uint16   of the measurement: 2 good, 1 uncertain, 0 bad
-+13–19   0                             reserved
++13      EnableIn             uint16   of the PLC's own AOI, where it runs one; 0 otherwise, as the next three
++14–15   dt                   float32  ms
++16–17   y                    float32
++18–19   y_dot                float32
 ```
 Coil i is Enable of axis i, writable; discrete input i reads the same. Any other address answers exception 2.
 The byte order of the scenario holds for values in two registers; a single register is always big-endian.
@@ -83,6 +86,10 @@ def registers(step: PlantStep, memory: MemoryState, order: str) -> list[int]:
         words += float_words(memory.filtered_position[index], order)
         words += float_words(memory.filtered_velocity[index], order)
         words += [int(quality(axis.status))]
+        if axis.aoi is not None:
+            words += [int(axis.aoi.enable_in)]
+            for value in (axis.aoi.dt, axis.aoi.y, axis.aoi.y_dot):
+                words += float_words(value, order)
         words += [0] * (axis_at(index + 1) - len(words))
     return words
 
@@ -135,6 +142,13 @@ def rows(scenario: Scenario) -> list[Row]:
             _row(f"{axis.name}.FilteredVelocity", at + 10, "float32", speed, "For write-back", writable=True),
             _row(f"{axis.name}.Quality", at + 12, "uint16", "", "2 good, 1 uncertain, 0 bad"),
         ]
+        if axis.aoi is not None:
+            found += [
+                _row(f"{axis.name}.EnableIn", at + 13, "uint16", "", "EnableIn of the PLC's own AOI"),
+                _row(f"{axis.name}.dt", at + 14, "float32", "ms", "Time step of the PLC's own AOI"),
+                _row(f"{axis.name}.y", at + 16, "float32", axis.unit, "Filtered position of the PLC's own AOI"),
+                _row(f"{axis.name}.y_dot", at + 18, "float32", speed, "Filtered velocity of the PLC's own AOI"),
+            ]
     found += [
         Row("coil", index, f"{index + 1:05}", f"{axis.name}.Enable", "bool", "", True, "Enable of the observer")
         for index, axis in enumerate(scenario.axes)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from softplc.emulator.faults import Fault, Reading
 from softplc.emulator.noise import Stream
+from softplc.emulator.program import AoiOutputs
 from softplc.emulator.scenario import EmulatedAxis, Scenario
 from softplc.sample import StatusCode
 
@@ -22,7 +23,8 @@ class AxisState:
     """One axis in one step; positions in its unit, velocity in unit/s.
 
     `position` is the measurement with raw OPC UA `status`, `count` what the encoder counts; their source
-    timestamp is the time of step `measured_in`, an earlier one when the sensor is frozen.
+    timestamp is the time of step `measured_in`, an earlier one when the sensor is frozen. `aoi`: what the PLC's
+    program made of it, where it has one.
     """
 
     true_position: float
@@ -31,6 +33,7 @@ class AxisState:
     count: int
     status: int
     measured_in: int
+    aoi: AoiOutputs | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -98,7 +98,7 @@ class TimeStep:
         since = np.where(
             self._by_arrival,
             samples.arrivals - self._arrivals,
-            (samples.timestamps - self.timestamps) * 1e-9,
+            (samples.timestamps - self.timestamps) / 1e9,  # the double next to the quotient, as a PLC has it
         )
         same_stamp = since == 0.0
         # A frozen stamp under a new value is a new sample with a useless stamp, not a repetition.

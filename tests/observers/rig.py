@@ -104,11 +104,13 @@ def make_rig(
     enable_tag: bool = False,
     contact_tag: bool = False,
     shadow_tags: bool = False,
+    shadow_dt: bool = True,
     scattered: bool = False,
 ) -> Rig:
     """A rig for these axes (one plain axis when none is given), all with observers of the same type.
 
-    `shadow_tags`: each axis also has inputs for the PLC's own position, velocity and time step, behind all others.
+    `shadow_tags`: each axis also has inputs for the PLC's own position, velocity and time step, behind all others;
+    `shadow_dt`: the last of them is used.
     `scattered` puts other tags between their blocks.
     """
     pairs = [axis if isinstance(axis, tuple) else (axis, CONFIG) for axis in axes or (AxisSpec("A0"),)]
@@ -119,7 +121,7 @@ def make_rig(
         block = table.add_block(spec.name, "axis", axis_tags(spec, config))
         enable, contact = len(pairs) if enable_tag else None, len(pairs) + enable_tag if contact_tag else None
         last = len(pairs) + enable_tag + contact_tag + 3 * row
-        shadow = (last, last + 1, last + 2) if shadow_tags else (None, None, None)
+        shadow = (last, last + 1, last + 2 if shadow_dt else None) if shadow_tags else (None, None, None)
         places.append(AxisPlace(spec, row, enable, block, contact, *shadow))
         if scattered:
             table.add_block(f"between{row}", "axis", [Tag(f"between{row}.x"), Tag(f"between{row}.y")])
