@@ -42,6 +42,8 @@ _UNITS: Final[Mapping[str, Callable[[str], str]]] = {
     "u2/s3": lambda u: f"{squared(u)}/s3",
     "(u/s)2": lambda u: squared(per_second(u)),
     "(u/s2)2": lambda u: f"({u}/s2)2" if u else "1/s4",
+    "u2/s5": lambda u: f"{squared(u)}/s5" if u else "1/s5",
+    "1/u": lambda u: f"1/{u}" if u else "",
 }
 
 _OUTPUTS: Final = (
@@ -57,6 +59,12 @@ _ESTIMATES: Final = (
     Leaf("P00", "u2", "Variance of the position estimate"),
     Leaf("P01", "u2/s", "Covariance of position and velocity estimates"),
     Leaf("P11", "(u/s)2", "Variance of the velocity estimate"),
+    Leaf("Acceleration", "u/s2", "Estimated acceleration"),
+    Leaf("K2", "1/s2", "Kalman gain for the acceleration"),
+    Leaf("P02", "u2/s2", "Covariance of position and acceleration estimates"),
+    Leaf("P12", "u2/s3", "Covariance of velocity and acceleration estimates"),
+    Leaf("P22", "(u/s2)2", "Variance of the acceleration estimate"),
+    Leaf("Cutoff", "Hz", "Cutoff frequency of the low pass in this scan"),
     Leaf("NIS", "", "Normalised innovation squared, y²/S; its mean is 1 when the tuning is consistent"),
     Leaf("Dt", "s", "Time step that the observer used in this scan"),
 )
@@ -74,6 +82,17 @@ _TUNING: Final = (
     Leaf("BleedEnable", "", "Velocity damping near rest", DataType.BOOLEAN),
     Leaf("BleedThresh", "u", "Deviation below which the velocity bleeds"),
     Leaf("BleedFactor", "", "What the velocity is multiplied by in each such scan"),
+    Leaf("q_x_ddot", "(u/s2)2", "Process noise of the acceleration, per scan"),
+    Leaf("q_jerk", "u2/s5", "Spectral density of the white jerk"),
+    Leaf("window", "", "Samples that are averaged", DataType.UINT16),
+    Leaf("cycle", "s", "Sampling period that the block believes in"),
+    Leaf("alpha", "", "Gain for the position, α"),
+    Leaf("beta", "", "Gain for the velocity times Δt, β"),
+    Leaf("sigma_w", "u/s2", "Standard deviation of the acceleration"),
+    Leaf("sigma_v", "u", "Standard deviation of the measurement"),
+    Leaf("min_cutoff", "Hz", "Cutoff frequency at rest"),
+    Leaf("cutoff_slope", "1/u", "Rise of the cutoff with the speed, the paper's β"),
+    Leaf("d_cutoff", "Hz", "Cutoff frequency of the velocity"),
 )
 
 LEAVES: Final = {leaf.name: leaf for leaf in (*_OUTPUTS, *_INPUTS, *_ESTIMATES, *_STATE, *_COMMANDS, *_TUNING)}

@@ -23,6 +23,13 @@ class MovingAverageBatchState(Rows):
         self.DT: Numbers = np.zeros((longest, n), self.dtype)
         self._sums: Numbers = np.zeros((longest, n), self.dtype)
 
+    def reserve(self, longest: int) -> None:
+        """Room for windows of this length; what the rings hold stays. For rows that start anew with a longer one."""
+        missing = longest - len(self.X)
+        if missing > 0:
+            more = np.zeros((missing, len(self)), self.dtype)
+            self.X, self.DT, self._sums = (np.concatenate((ring, more)) for ring in (self.X, self.DT, self._sums))
+
     def finite(self) -> Flags:
         """Rows without NaN and infinity in the state."""
         finite: Flags = np.logical_and(super().finite(), np.logical_and.reduce(np.isfinite(self.X), axis=0))

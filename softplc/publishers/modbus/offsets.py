@@ -99,11 +99,25 @@ AXIS: Final = Frame(
         "NIS": 20,
         "Dt": 22,
         "Age": 24,  # 26…31 are kept for estimates to come
+        "Acceleration": 26,
+        "Cutoff": 26,
+        "K2": 28,
         "q_x": 32,
         "q_x_dot": 34,
         "r_x": 36,
         "BleedThresh": 38,
         "BleedFactor": 40,
+        "q_x_ddot": 38,
+        "q_jerk": 32,
+        "window": 32,
+        "cycle": 32,
+        "alpha": 32,
+        "beta": 34,
+        "sigma_w": 32,
+        "sigma_v": 34,
+        "min_cutoff": 32,
+        "cutoff_slope": 34,
+        "d_cutoff": 36,
         "Quality": 42,
         "Reason": 43,
         "Enabled": 44,
@@ -115,6 +129,7 @@ AXIS: Final = Frame(
         Derived(48, "Status", _U32, "", "OPC UA StatusCode of the position", Origin.STATUS, "Position"),
     ),
     range(50, 64),
+    frozenset({"P02", "P12", "P22"}),
 )
 FRAMES: Final = {"task": TASK, "source": SOURCE, "axis": AXIS}
 """Kind of block (`softplc.tags.Block.kind`) → its frame, in order of address."""
