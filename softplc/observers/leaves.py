@@ -82,6 +82,8 @@ _TUNING: Final = (
     Leaf("BleedEnable", "", "Velocity damping near rest", DataType.BOOLEAN),
     Leaf("BleedThresh", "u", "Deviation below which the velocity bleeds"),
     Leaf("BleedFactor", "", "What the velocity is multiplied by in each such scan"),
+    Leaf("Q", "(u/s)2", "Process noise of the velocity, per scan"),
+    Leaf("R", "u2", "Measurement noise, per sample"),
     Leaf("q_x_ddot", "(u/s2)2", "Process noise of the acceleration, per scan"),
     Leaf("q_jerk", "u2/s5", "Spectral density of the white jerk"),
     Leaf("window", "", "Samples that are averaged", DataType.UINT16),

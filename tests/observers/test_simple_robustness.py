@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 
 from softplc.observers.axes import AxisSpec
 from softplc.sample import Reason, StatusCode
-from tests.observers import test_robustness as robustness
+from tests.observers.faults import LIMITS, Fault, apply, faults, good
 from tests.observers.rig import Rig, make_rig
 from tests.observers.simple import CASES, NAMES, Case
-from tests.observers.test_robustness import LIMITS, Fault, apply, good
 
 pytestmark = pytest.mark.parametrize("case", CASES, ids=NAMES)
 SPECS = (
@@ -30,10 +29,10 @@ def four_axes(case: Case) -> Rig:
 
 @pytest.mark.filterwarnings("error")
 @settings(max_examples=40, deadline=None)
-@given(faults=st.lists(robustness._faults, max_size=30))
-def test_after_any_faults_one_good_second_brings_every_axis_back(case: Case, faults: list[Fault]):
+@given(sequence=st.lists(faults(4), max_size=30))
+def test_after_any_faults_one_good_second_brings_every_axis_back(case: Case, sequence: list[Fault]):
     rig = four_axes(case)
-    for fault in faults:
+    for fault in sequence:
         apply(rig, fault)
         for axis in range(4):
             status, _ = rig.outcome(axis)
@@ -46,10 +45,10 @@ def test_after_any_faults_one_good_second_brings_every_axis_back(case: Case, fau
 
 
 @settings(max_examples=8, deadline=None)
-@given(faults=st.lists(robustness._faults, min_size=5, max_size=30))
-def test_after_any_faults_an_axis_with_a_range_finds_position_and_rest_again(case: Case, faults: list[Fault]):
+@given(sequence=st.lists(faults(4), min_size=5, max_size=30))
+def test_after_any_faults_an_axis_with_a_range_finds_position_and_rest_again(case: Case, sequence: list[Fault]):
     rig = four_axes(case)
-    for fault in faults:
+    for fault in sequence:
         apply(rig, replace(fault, z=(*fault.z[:3], 7.0)))
 
     good(rig, 400)
