@@ -29,9 +29,9 @@ class AlphaBetaConfig(Model):
     """Part of the innovation that goes into the position. Bigger follows faster and smooths less."""
     beta: Annotated[float, Field(ge=1e-12, lt=4)] | None = None
     """Part of the innovation over Δt that goes into the velocity; α²/(2 − α) when left out. Bigger adapts faster."""
-    sigma_w: Annotated[float, Field(ge=_LEAST, le=_MOST, json_schema_extra={"x-unit": "unit/s²"})] | None = None
+    sigma_w: Annotated[float | None, Field(ge=_LEAST, le=_MOST, json_schema_extra={"x-unit": "unit/s²"})] = None
     """Standard deviation of the acceleration, unit/s². Bigger follows faster and smooths less."""
-    sigma_v: Annotated[float, Field(ge=_LEAST, le=_MOST, json_schema_extra={"x-unit": "unit"})] | None = None
+    sigma_v: Annotated[float | None, Field(ge=_LEAST, le=_MOST, json_schema_extra={"x-unit": "unit"})] = None
     """Standard deviation of the measurement, unit. Bigger smooths more and lags more."""
 
     @model_validator(mode="after")

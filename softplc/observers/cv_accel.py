@@ -32,7 +32,7 @@ class CvAccelConfig(Model):
     """per_scan: process noise of the velocity, (unit/s)². Bigger: velocity adapts faster."""
     q_x_ddot: Annotated[float, Field(ge=0, json_schema_extra={"x-unit": "(unit/s²)²"})] = 0.1
     """per_scan: process noise of the acceleration, (unit/s²)². Bigger: acceleration adapts faster."""
-    q_jerk: Annotated[float, Field(gt=0, json_schema_extra={"x-unit": "unit²/s⁵"})] | None = None
+    q_jerk: Annotated[float | None, Field(gt=0, json_schema_extra={"x-unit": "unit²/s⁵"})] = None
     """white_jerk: spectral density of the jerk, unit²/s⁵. Bigger follows faster and smooths less."""
     r_x: Annotated[float, Field(gt=0, json_schema_extra={"x-unit": "unit²"})]
     """Measurement noise variance of each sample, unit². Bigger smooths more and lags more."""

@@ -17,11 +17,11 @@ class OneEuroConfig(Model):
     """Low pass with a cutoff that rises with the speed (Casiez et al. 2012): still at rest, quick in motion."""
 
     type: Literal["one_euro"]
-    min_cutoff: Annotated[float, Field(ge=1e-6, le=1e6)] = 1.0
+    min_cutoff: Annotated[float, Field(ge=1e-6, le=1e6, json_schema_extra={"x-unit": "Hz"})] = 1.0
     """Cutoff at rest, Hz. Smaller smooths more at rest and lags more."""
     beta: Annotated[float, Field(ge=0, le=1e9, json_schema_extra={"x-unit": "1/unit"})]
     """Rise of the cutoff with the speed, Hz per unit/s. Bigger lags less in motion and smooths less."""
-    d_cutoff: Annotated[float, Field(ge=1e-6, le=1e6)] = 1.0
+    d_cutoff: Annotated[float, Field(ge=1e-6, le=1e6, json_schema_extra={"x-unit": "Hz"})] = 1.0
     """Cutoff of the velocity, Hz. Smaller smooths the velocity more and lags more."""
     difference: Literal["measured", "filtered"] = "measured"
     """Against what a new sample is differenced: the last measurement, or as the paper the last filtered position,
