@@ -160,3 +160,22 @@ def test_innovations_are_as_large_as_S_says():
     given = [AlphaBetaInputs(True, one, dt, True, sigma_w=sigma_w, sigma_v=sigma_v) for one in z]
     y_res, S = run(alpha_beta_lreal, AlphaBetaState(), given, "y_res", "S")[100:].T
     assert np.mean(y_res * y_res / S) == pytest.approx(1.0, abs=0.05)  # five times √(2/20 000)
+
+
+@pytest.mark.parametrize(("alpha", "beta"), [(0.1, 0.005), (0.3, 0.05), (0.5, 0.5), (0.9, 0.8)])
+def test_noise_and_lag_are_those_of_the_closed_form(alpha: float, beta: float):
+    """The table of docs/observers/baselines.md: sums over the impulse response, and a constant acceleration."""
+    dt = 0.05
+    impulse = np.concatenate([[0.0, 1.0], np.zeros(4000)])  # the first scan initialises
+    given = [AlphaBetaInputs(True, z, dt, alpha=alpha, beta=beta) for z in impulse]
+    y, y_dot = run(alpha_beta_lreal, AlphaBetaState(), given, "y", "y_dot").T
+    D = alpha * (4 - 2 * alpha - beta)
+    assert np.sum(y * y) == pytest.approx((2 * alpha * alpha + beta * (2 - 3 * alpha)) / D)
+    assert np.sum(y_dot * y_dot) == pytest.approx(2 * beta * beta / D / (dt * dt))
+
+    t = dt * np.arange(4000)
+    given = [AlphaBetaInputs(True, z, dt, alpha=alpha, beta=beta) for z in 1.5 * t * t]  # 3 u/s²
+    y, y_dot = run(alpha_beta_lreal, AlphaBetaState(), given, "y", "y_dot")[-1]
+    # positions to 6e4 with a last place of 7e-12, velocities through β/Δt
+    assert 1.5 * t[-1] ** 2 - y == pytest.approx(3 * dt * dt * (1 - alpha) / beta, abs=1e-8)
+    assert 3 * t[-1] - y_dot == pytest.approx(3 * dt * (alpha / beta - 0.5), abs=1e-8)

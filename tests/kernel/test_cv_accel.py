@@ -162,11 +162,11 @@ def test_white_jerk_keeps_its_bandwidth_where_noise_per_scan_does_not():
         poles = np.linalg.eigvals(F - iterated_riccati(dt, tuning)[:, np.newaxis] @ F[:1])
         return float(-dt / np.log(np.abs(poles).max()))
 
-    white = [slowest(dt, {"r_x": 4 / 3 * 0.05 / dt, "white_jerk": True, "q_jerk": 50.0}) for dt in (0.005, 0.05)]
-    per_scan = [slowest(dt, TUNINGS[0]) for dt in (0.005, 0.05)]
+    white = [slowest(dt, {"r_x": 4 / 3 * 0.05 / dt, "white_jerk": True, "q_jerk": 50.0}) for dt in (0.002, 0.5)]
+    per_scan = [slowest(dt, TUNINGS[0]) for dt in (0.002, 0.5)]
 
-    assert white[0] == pytest.approx(white[1], rel=0.01)  # exact but for terms of (Δt/T)²
-    assert per_scan[1] > 1.5 * per_scan[0]
+    assert white == pytest.approx([0.6635, 0.6635], rel=0.001)  # exact but for terms of (Δt/T)²
+    assert per_scan[1] > 6 * per_scan[0]
 
 
 def scans_of(x: NDArray[np.float64], dt: NDArray[np.float64], tuning: dict[str, Any]) -> list[CvAccelInputs]:

@@ -123,3 +123,13 @@ def test_first_scan_disable_and_invalid_steps():
     assert (result, frozen.y, frozen.y_dot, frozen.x_hat) == (Result.DT_INVALID, 9.0, 0.0, 5.0)
     off, result = one_euro(frozen, OneEuroInputs(False, 9.0, 0.05, 1.0, 0.1, 1.0))
     assert (result, off.init) == (Result.DISABLED, False)
+
+
+@pytest.mark.parametrize("cutoff", [0.2, 1.0, 5.0])
+def test_noise_at_rest_is_that_of_the_closed_form(cutoff: float):
+    """The table of docs/observers/baselines.md: sums over the impulse response, at a cutoff that does not move."""
+    impulse = np.concatenate([[0.0, 1.0], np.zeros(2000)])
+    y, y_dot = filtered(impulse, np.full(2002, 0.05), min_cutoff=cutoff, beta=0.0, d_cutoff=cutoff).T
+    a = 1 / (1 + 1 / (2 * math.pi * cutoff * 0.05))
+    assert np.sum(y * y) == pytest.approx(a / (2 - a))
+    assert np.sum(y_dot * y_dot) == pytest.approx(2 * a * a / (2 - a) / 0.05**2)
