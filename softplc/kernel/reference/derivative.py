@@ -8,9 +8,10 @@
 | z₁, z₂, z₃ | the three samples before | X1, X2, X3 | | u | |
 | v̂ | velocity | XOUT | Velocity | u/s | (1) nominal, (2) measured |
 
-(1) XOUT := (3.0*(XIN − X3) + X1 − X2) / (10.0*CYCLE), the text of the standard (second edition, annex E, example
-E.7): the least-squares slope through four equally spaced samples. It believes CYCLE: a task that runs slower than
-written reads too fast by the same ratio, and a sample that comes late reads as a jump of the velocity.
+(1) XOUT := (3.0*(XIN − X3) + X1 − X2) / (10.0*CYCLE), the text of the standard (second edition, annex F, examples
+of analogue signal processing): the least-squares slope through four equally spaced samples. It believes CYCLE: a
+task that runs slower than written reads too fast by the same ratio, and a sample that comes late reads as a jump of
+the velocity.
 (2) The same numerator over 3·h0 + 4·h1 + 3·h2: a ramp at any steps is read without error, and equal steps give (1).
 
 In the standard RUN = FALSE sets XOUT to 0 and X1, X2, X3 to XIN. That call is made here when the observer starts, as
