@@ -237,4 +237,16 @@ def study_aoi(output: Folder = None, seed: Seed = 0, as_json: AsJson = False) ->
     return aoi(output or Path("study-aoi"), seed, as_json=as_json)
 
 
+@study.command("ducekf")
+def study_ducekf(output: Folder = None, seed: Seed = 0, as_json: AsJson = False) -> int:
+    """The DUCEKF paper's oscillator with impacts: its Figures 1 to 3 and 5 to 7, Tables A1 and A2, statistics A.3.
+
+    Exits 1 when a claim does not hold, or when matplotlib is missing (pip install "softplc[study]").
+    Example: softplc study ducekf --output study-ducekf
+    """
+    from softplc.cli.studying import ducekf  # noqa: PLC0415
+
+    return ducekf(output or Path("study-ducekf"), seed, as_json=as_json)
+
+
 __all__: list[Any] = ["cli", "run_command_line"]

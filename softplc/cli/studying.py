@@ -1,6 +1,7 @@
 """The study commands: experiments of the papers, as a report in a folder."""
 
 import sys
+import time
 from pathlib import Path
 
 from softplc.cli.output import messages, print_json
@@ -14,6 +15,14 @@ def aoi(folder: Path, seed: int, *, as_json: bool) -> int:
 
     expect_folder(folder)
     return _hand_over(study(seed), folder, as_json=as_json)
+
+
+def ducekf(folder: Path, seed: int, *, as_json: bool) -> int:
+    """Write the DUCEKF study; see `softplc study ducekf --help`."""
+    from softplc.commissioning.study.ducekf import study  # noqa: PLC0415
+
+    expect_folder(folder)
+    return _hand_over(study(time.perf_counter_ns, seed), folder, as_json=as_json)
 
 
 def _hand_over(study: Study, folder: Path, *, as_json: bool) -> int:

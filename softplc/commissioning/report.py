@@ -130,10 +130,10 @@ def _table(table: Table) -> str:
         kinds = ("" if index < table.words else ' class="n"' for index in range(len(row)))
         return "".join(f"<{tag}{extra}{kind}>{_text(cell)}</{tag}>" for cell, kind in zip(row, kinds, strict=True))
 
-    caption = f"<caption>{_text(table.caption)}</caption>" if table.caption else ""
+    caption = f'<p class="caption">{_text(table.caption)}</p>' if table.caption else ""
     body = "".join(f"<tr>{cells(row, 'td')}</tr>" for row in table.rows)
     return (
-        f'<div class="wide"><table>{caption}<thead><tr>{cells(table.columns, "th")}</tr></thead>'
+        f'{caption}<div class="wide"><table><thead><tr>{cells(table.columns, "th")}</tr></thead>'
         f"<tbody>{body}</tbody></table></div>"
     )
 
@@ -167,7 +167,8 @@ nav a { color: #1769aa; text-decoration: none; }
 nav a:hover { text-decoration: underline; }
 .wide { overflow-x: auto; margin: 1rem 0; }
 table { border-collapse: collapse; font-size: .88rem; font-variant-numeric: tabular-nums; min-width: 50%; }
-caption { text-align: left; color: var(--soft); padding: 0 0 .4rem; max-width: 52rem; }
+.caption { color: var(--soft); font-size: .88rem; margin: 1.4rem 0 0; }
+.caption + .wide { margin-top: .4rem; }
 th { text-align: left; border-bottom: 2px solid var(--ink); padding: .3rem .9rem .3rem 0; vertical-align: bottom; }
 td { border-bottom: 1px solid var(--line); padding: .3rem .9rem .3rem 0; vertical-align: top; }
 th.n, td.n { text-align: right; white-space: nowrap; }

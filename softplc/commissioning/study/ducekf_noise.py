@@ -1,23 +1,21 @@
-"""What the covariance after an impact is worth when there is noise: a Monte Carlo run of the DUCEKF on its oscillator."""
+"""What the covariance after an impact is worth when there is noise: a Monte Carlo run on the oscillator."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from softplc.kernel.reference.covariance import ImpactCovariance
 from softplc.kernel.reference.dhvpo import TABLE_1, Dhvpo, PlantRule, PlantState, plant_step
 from softplc.kernel.reference.ducekf import DucekfInputs, DucekfState, ducekf, ducekf_start
 
 KAPPAS = (0.5, 1.5)
-COVARIANCES = ("omega", "none", "saltation")
+COVARIANCES: tuple[ImpactCovariance, ...] = ("omega", "none", "saltation")
 Q, R = 1e-5, 1e-4  # true of the plant, and told to the filter
 SCANS = 20  # after the impact
 _RULE, _DT = PlantRule(direction="velocity"), 0.01  # (12): noise would turn the direction of a position
 _LATEST = 400
-
-Draw = Callable[[], tuple[float, float, float]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,16 +23,16 @@ class Consistency:
     """eᵀP⁻¹e averaged over the scans after the first impact, ideally 2, with its standard error; velocity RMSE."""
 
     kappa: float
-    covariance: str
+    covariance: ImpactCovariance
     nees: float
     nees_error: float
     rmse_velocity: float
 
 
 def consistency(seed: int, runs: int) -> list[Consistency]:
-    """The same noise for each κ and covariance; runs in which noise carries the oscillator over the band are left out."""
+    """The same noise for each κ and covariance; a run whose noise carries the oscillator over the band is left out."""
     tuning = replace(TABLE_1, q_x=Q, q_x_dot=Q, r_x=R)
-    found: dict[tuple[float, str], list[tuple[float, float]]] = {
+    found: dict[tuple[float, ImpactCovariance], list[tuple[float, float]]] = {
         (kappa, covariance): [] for kappa in KAPPAS for covariance in COVARIANCES
     }
     for run in range(runs):
@@ -44,9 +42,8 @@ def consistency(seed: int, runs: int) -> list[Consistency]:
             w1, w2, v = noise[k]
             after, contact = plant_step(Dhvpo(), _RULE, plant, _DT, (w1, w2))
             if contact:  # up to here κ and the covariance rule have had no part
-                for kappa, covariance in found:
-                    values = _after_impact(kappa, covariance, plant, state, noise[k : k + SCANS])
-                    found[kappa, covariance].append(values)
+                for (kappa, covariance), values in found.items():
+                    values.append(_after_impact(kappa, covariance, plant, state, noise[k : k + SCANS]))
                 break
             plant = after
             state, _ = ducekf(Dhvpo(), tuning, state, DucekfInputs(True, plant.x1 + v, _DT, 0.0))
@@ -59,7 +56,7 @@ def _noise(rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def _after_impact(
-    kappa: float, covariance: str, plant: PlantState, state: DucekfState, noise: NDArray[np.float64]
+    kappa: float, covariance: ImpactCovariance, plant: PlantState, state: DucekfState, noise: NDArray[np.float64]
 ) -> tuple[float, float]:
     """Mean eᵀP⁻¹e and mean square of the velocity error, from the impact on."""
     model = Dhvpo(kappa=kappa)
@@ -75,7 +72,7 @@ def _after_impact(
     return nees / len(noise), squares / len(noise)
 
 
-def _summary(kappa: float, covariance: str, values: list[tuple[float, float]]) -> Consistency:
+def _summary(kappa: float, covariance: ImpactCovariance, values: list[tuple[float, float]]) -> Consistency:
     nees, squares = np.array(values).T
     error = float(nees.std() / math.sqrt(len(nees)))
     return Consistency(kappa, covariance, float(nees.mean()), error, float(np.sqrt(squares.mean())))
