@@ -171,7 +171,8 @@ table { border-collapse: collapse; font-size: .88rem; font-variant-numeric: tabu
 .caption + .wide { margin-top: .4rem; }
 th { text-align: left; border-bottom: 2px solid var(--ink); padding: .3rem .9rem .3rem 0; vertical-align: bottom; }
 td { border-bottom: 1px solid var(--line); padding: .3rem .9rem .3rem 0; vertical-align: top; }
-th.n, td.n { text-align: right; white-space: nowrap; }
+th.n, td.n { text-align: right; }
+td.n { white-space: nowrap; }
 .claims td:first-child { font-weight: bold; width: 1.6rem; }
 .yes { color: #2e7d32; }
 .no { color: #c62828; }

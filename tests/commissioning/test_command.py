@@ -9,7 +9,7 @@ from tests.support.program import ROOT, environment, softplc
 def test_the_studies_are_listed_and_explain_themselves():
     listing = softplc("study", "--help")
     assert listing.returncode == 0
-    for name in ("aoi",):
+    for name in ("aoi", "ducekf"):
         assert name in listing.stdout
         done = softplc("study", name, "--help")
         assert done.returncode == 0

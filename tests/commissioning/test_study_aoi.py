@@ -70,6 +70,22 @@ def test_the_checklist_of_sane_numbers_holds_in_every_scan(done):
     assert 0.0 <= sanity["K0_min"] <= sanity["K0_max"] <= 1.0
 
 
+def test_the_kalman_filter_has_the_least_errors_of_the_investigations_four_methods(done):
+    methods = {row["method"]: row for row in done.numbers["methods"]}
+    kalman = methods["2-state Kalman, the AOI"]
+    for name in ("moving average", "numerical differentiation", "α-β, tracking index"):
+        assert kalman["rmse_position"] < methods[name]["rmse_position"]
+        assert kalman["rmse_velocity"] < methods[name]["rmse_velocity"]
+
+
+def test_what_the_investigation_says_of_the_simple_methods_is_seen_in_numbers(done):
+    methods = {row["method"]: row for row in done.numbers["methods"]}
+    average, difference = methods["moving average"], methods["numerical differentiation"]
+    assert average["lag"] == pytest.approx((average["setting"]["window"] - 1) / 2 * 0.05, rel=0.02)  # its closed form
+    assert difference["noise_velocity"] == pytest.approx((2 * 4 / 3) ** 0.5 / 0.05, rel=0.03)  # √(2R)/Δt
+    assert difference["lag"] == pytest.approx(0.0, abs=2e-3)
+
+
 def test_every_claim_holds(done):
     assert [claim["claim"] for claim in done.document["claims"] if not claim["holds"]] == []
 

@@ -1,11 +1,15 @@
 """`softplc study aoi`: the AOI paper's experiment as a report."""
 
+from collections.abc import Sequence
+
 from softplc import __version__
 from softplc.commissioning.figures import drawing
 from softplc.commissioning.report import Claim, Report, Section, Table, number
 from softplc.commissioning.study import aoi_figures as figures
+from softplc.commissioning.study import method_report
 from softplc.commissioning.study.aoi_numbers import BLEED_FACTOR, AoiNumbers, experiment, hold_noise_reduction
 from softplc.commissioning.study.aoi_runs import TUNING, noise_left
+from softplc.commissioning.study.method_numbers import MethodNumbers, compare
 from softplc.commissioning.study.study import Study
 from softplc.commissioning.study.waveform import DT, SLOPE
 
@@ -14,11 +18,12 @@ def study(seed: int = 0) -> Study:
     """Run and write it down; the same seed gives the same bytes. Raises SoftplcError without matplotlib."""
     with drawing():
         numbers = experiment(seed)
-        report = _report(numbers)
-    return Study("aoi", report, {"seed": seed, **numbers.to_json()})
+        methods = compare(seed)
+        report = _report(numbers, methods)
+    return Study("aoi", report, {"seed": seed, **numbers.to_json(), "methods": method_report.to_json(methods)})
 
 
-def _report(numbers: AoiNumbers) -> Report:
+def _report(numbers: AoiNumbers, methods: Sequence[MethodNumbers]) -> Report:
     noise = hold_noise_reduction(numbers.wave, numbers.trace)
     ramp = numbers.segments[0]
     return Report(
@@ -36,13 +41,14 @@ def _report(numbers: AoiNumbers) -> Report:
                 f"gains K0, K1 (1/s) from scan {max(numbers.settled_scans)} on",
             ),
         ],
-        claims=_claims(numbers),
+        claims=[*_claims(numbers), method_report.claim(methods)],
         sections=[
             _experiment(numbers),
             _gains(numbers),
             _bleed(numbers),
             _scan_rate(numbers),
             _precision(numbers),
+            method_report.section(methods, numbers.wave),
         ],
         origin=f"softplc {__version__}: `softplc study aoi --seed {numbers.seed}`. The same seed gives this file "
         "again, byte for byte, with the same versions of softplc, numpy and matplotlib.",

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from softplc.commissioning.figures import BAND, ESTIMATE, MEASURED, SECOND, THIRD, TRUTH, WRONG, legend, new, png
-from softplc.commissioning.report import Picture
+from softplc.commissioning.report import Picture, number
 from softplc.commissioning.study.aoi_numbers import BLEED_FACTOR, BLEED_THRESHOLDS, AoiNumbers
 from softplc.commissioning.study.aoi_runs import noise_left
 from softplc.commissioning.study.waveform import DT, NOISE, SCANS, SLOPE, R
@@ -190,5 +190,5 @@ def precision(numbers: AoiNumbers) -> Picture:
         png(figure),
         "Difference of the single and the double precision estimates: noise of a few hundred-thousandths.",
         "The AOI in REAL (every operation rounded to single precision, as a Logix controller does) against LREAL: "
-        f"at most {position:.1e} u and {speed:.1e} u/s, beside noise of ±{NOISE:g} u.",
+        f"at most {number(position, 2)} u and {number(speed, 2)} u/s, beside noise of ±{NOISE:g} u.",
     )

@@ -30,7 +30,7 @@ class Consistency:
 
 
 def consistency(seed: int, runs: int) -> list[Consistency]:
-    """The same noise for each κ and covariance; a run whose noise carries the oscillator over the band is left out."""
+    """The same noise for each κ and covariance; runs whose noise carries it over the band are left out."""
     tuning = replace(TABLE_1, q_x=Q, q_x_dot=Q, r_x=R)
     found: dict[tuple[float, ImpactCovariance], list[tuple[float, float]]] = {
         (kappa, covariance): [] for kappa in KAPPAS for covariance in COVARIANCES

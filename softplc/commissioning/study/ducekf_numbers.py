@@ -16,7 +16,7 @@ LONG = 1400  # iterations: four impacts
 KAPPA, KAPPA_EKF = 0.5, 1.5  # of Table 1; of the comparison with the EKF
 HOLD_START, HOLD_R = (0.3, 1.5), 1e3  # x̂0 ahead of the oscillator, and a filter that hardly listens
 CONVERGED = 0.015  # u/s
-RUNS = 150
+RUNS = 120
 
 
 @dataclass(frozen=True, slots=True)
