@@ -5,6 +5,6 @@ from typing import Annotated
 from pydantic import Field
 
 from softplc.observers.aoi import AoiConfig
-from softplc.observers.fb_kalman import FbKalmanConfig
+from softplc.observers.ducekf import DucekfConfig
 
-ObserverConfig = Annotated[AoiConfig | FbKalmanConfig, Field(discriminator="type")]
+ObserverConfig = Annotated[AoiConfig | DucekfConfig, Field(discriminator="type")]

@@ -201,7 +201,8 @@ def _impact_covariance(
     if covariance == "none":
         return P
     if covariance == "omega":
-        m0, m1 = 1.0 / m0, 1.0 / m1
+        defined = m1 != 0.0
+        m0, m1 = np.where(defined, 1.0 / m0, m0), np.where(defined, 1.0 / m1, m1)
     P00, P01, P10, P11 = P
     return (
         np.where(rows, (m0 * m0) * P00, P00),
