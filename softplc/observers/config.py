@@ -6,5 +6,6 @@ from pydantic import Field
 
 from softplc.observers.aoi import AoiConfig
 from softplc.observers.ducekf import DucekfConfig
+from softplc.observers.fb_kalman import FbKalmanConfig
 
-ObserverConfig = Annotated[AoiConfig | DucekfConfig, Field(discriminator="type")]
+ObserverConfig = Annotated[AoiConfig | DucekfConfig | FbKalmanConfig, Field(discriminator="type")]
