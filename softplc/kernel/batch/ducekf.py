@@ -146,7 +146,7 @@ def _judge(
         travel = -(side * x2) * dt
         widened = tuning.band + travel * np.where(model.kappa > 1.0, model.kappa, 1.0)
         by_position = (gap <= 0.0) & (gap_z <= widened)
-        at_surface = (gap <= 0.0) & (gap_z > tuning.band)
+        at_surface = (gap <= 0.0) & ((gap_z > tuning.band) | ~np.isnan(state.wait))
         needed = 2.0 * gap_z / abs(x2)
         longest = np.where(needed < longest, needed, longest)
     by_position = (by_position & state.armed) if use_position else np.zeros(len(x), np.bool_)

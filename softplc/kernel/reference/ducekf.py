@@ -232,7 +232,8 @@ def _judge(
         travel = -(side * x2) * inputs.dt
         widened = tuning.band + travel * max(1.0, model.kappa)
         by_position = gap <= 0.0 and gap_z <= widened
-        at_surface = gap <= 0.0 and gap_z > tuning.band
+        waiting = not math.isnan(state.wait)
+        at_surface = gap <= 0.0 and (gap_z > tuning.band or waiting)
         if at_surface and approaching:  # twice the time that the system needs at this speed
             longest = min(longest, 2.0 * gap_z / abs(x2))
     by_position = use_position and by_position and state.armed
