@@ -1,4 +1,4 @@
-"""The paper's case study, reproduced: the numbers that Herrera and Méndez-Ramírez give or that follow from Table 1."""
+"""The paper's case study, reproduced: the numbers that its authors give or that follow from Table 1."""
 
 from dataclasses import replace
 from itertools import groupby

@@ -3,7 +3,6 @@
 Equation numbers as in `kernel.reference.ducekf`. Matrices are row-major: P00, P01, P10, P11.
 """
 
-import math
 from typing import Literal
 
 Matrix = tuple[float, float, float, float]
@@ -25,15 +24,12 @@ def propagate(A: Matrix, P: Matrix) -> Matrix:
 def impact_covariance(P: Matrix, covariance: ImpactCovariance, m0: float, m1: float) -> Matrix:
     """P after a transition with the Jacobian diag(m0, m1), entry ij times d_i·d_j.
 
-    omega: d = 1/m, so that ÃᵀP⁺Ã = P, (24), (28), (29). saltation: d = m, P⁺ = ÃPÃᵀ. none: P as it was.
+    omega: d = 1/m, so that ÃᵀP⁺Ã = P, (24), (28), (29); undefined where κ = 0, saltation takes its place there.
+    saltation: d = m, P⁺ = ÃPÃᵀ. none: P as it was.
     """
     if covariance == "none":
         return P
-    if covariance == "omega":
-        m0, m1 = _inverse(m0), _inverse(m1)
+    if covariance == "omega" and m1 != 0.0:
+        m0, m1 = 1.0 / m0, 1.0 / m1
     P00, P01, P10, P11 = P
     return ((m0 * m0) * P00, (m0 * m1) * P01, (m0 * m1) * P10, (m1 * m1) * P11)
-
-
-def _inverse(m: float) -> float:
-    return 1.0 / m if m != 0.0 else math.copysign(math.inf, m)

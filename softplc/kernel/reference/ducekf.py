@@ -227,14 +227,15 @@ def _judge(
         by_position = in_band(side * (state.s1 - limit), tuning.band, tuning.edge) and closing
         at_surface = gap <= tuning.band if tuning.edge == "above" else gap < 0.0
     else:
-        # The sample is in the band; or the prediction crosses the surface, and the sample is as near as the way of
-        # one scan allows: the band widened by |v|Δt, so that no impact is lost between two samples.
+        # The prediction crosses the surface, and the sample is as near as the way of one scan allows: the band is
+        # widened by |v|Δt, so that no impact is lost between two samples.
         travel = -(side * x2) * inputs.dt
         widened = tuning.band + travel * max(1.0, model.kappa)
-        by_position = gap_z <= tuning.band or (gap <= 0.0 and gap_z <= widened)
-        at_surface = gap <= 0.0 and gap_z > tuning.band
+        by_position = gap <= 0.0 and gap_z <= widened
+        waiting = not math.isnan(state.wait)
+        at_surface = gap <= 0.0 and (gap_z > tuning.band or waiting)
         if at_surface and approaching:  # twice the time that the system needs at this speed
-            longest = min(longest, 2.0 * gap_z * inputs.dt / travel)
+            longest = min(longest, 2.0 * gap_z / abs(x2))
     by_position = use_position and by_position and state.armed
 
     contact = by_tag or by_position
