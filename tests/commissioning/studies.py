@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from tests.support.program import softplc
+from tests.support.program import ROOT, softplc
 
 
 @dataclass
@@ -88,6 +88,12 @@ def shows_something(path: Path) -> bool:
     background = pixels[2, 2]
     drawn = (np.abs(pixels - background).max(axis=2) > 20).mean()
     return 600 <= width <= 2000 and 250 <= height <= 2000 and 0.01 < drawn < 0.9
+
+
+def documented_figures(name: str) -> set[str]:
+    """The figures of this study that docs/studies.md has a row for."""
+    page = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
+    return set(re.findall(rf"^\| `({name}-[\w-]+)` \|", page, re.MULTILINE))
 
 
 def chromium() -> str | None:

@@ -6,6 +6,7 @@ from softplc.kernel.steady import steady_gains
 from tests.commissioning.studies import (
     Done,
     chromium,
+    documented_figures,
     is_self_contained,
     rendered,
     run_study,
@@ -94,6 +95,10 @@ def test_the_pictures_are_pngs_that_show_something(done):
     assert "aoi-figure-2.png" in {path.name for path in done.pictures}
     for path in done.pictures:
         assert shows_something(path), path.name
+
+
+def test_every_figure_is_explained_in_the_docs(done):
+    assert {path.stem for path in done.pictures} == documented_figures("aoi")
 
 
 def test_the_report_loads_nothing_and_holds_every_picture(done):

@@ -4,7 +4,15 @@ import re
 
 import pytest
 
-from tests.commissioning.studies import Done, chromium, is_self_contained, rendered, run_study, shows_something
+from tests.commissioning.studies import (
+    Done,
+    chromium,
+    documented_figures,
+    is_self_contained,
+    rendered,
+    run_study,
+    shows_something,
+)
 
 DIGITS = 5e-9  # numbers below are printed with nine significant digits
 
@@ -122,6 +130,10 @@ def test_the_figures_of_the_paper_are_pngs_that_show_something(done):
     assert {f"ducekf-figure-{number}.png" for number in (1, 2, 3, 7)} <= names
     for path in done.pictures:
         assert shows_something(path), path.name
+
+
+def test_every_figure_is_explained_in_the_docs(done):
+    assert {path.stem for path in done.pictures} == documented_figures("ducekf")
 
 
 def test_the_report_loads_nothing_and_holds_every_picture(done):

@@ -135,7 +135,9 @@ def _all_settings(methods: Sequence[MethodNumbers]) -> Picture:
             )
             at = one.method.settings.index(one.setting)
             axes.plot(position[at], velocity[at], "o", color=colour, fillstyle="none", markersize=10)
-    axes.set(xscale="log", yscale="log", xlabel="RMSE, u", ylabel="RMSE, u/s", xlim=(0.4, 4.0))
+    axes.set(
+        xscale="log", yscale="log", xlabel="RMSE of position, u", ylabel="RMSE of velocity, u/s", xlim=(0.4, 4.0)
+    )
     axes.set_xticks([0.5, 1.0, 2.0, 4.0], ["0.5", "1", "2", "4"])
     axes.set_yticks([1.0, 2.0, 5.0, 10.0, 20.0], ["1", "2", "5", "10", "20"])
     axes.set_ylim(1.2, 45.0)
