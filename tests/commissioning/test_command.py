@@ -49,17 +49,6 @@ def test_a_folder_that_cannot_be_made_is_named_and_exits_1(tmp_path):
     assert place.read_text() == "mine"
 
 
-def test_the_folder_is_study_and_the_name_when_none_is_given(tmp_path):
-    (tmp_path / "study-aoi").mkdir()
-    (tmp_path / "study-aoi" / "notes.txt").write_text("mine")
-    done = softplc("study", "aoi", "--seed", "1", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "study-aoi" / "report.html").exists()
-    assert (tmp_path / "study-aoi" / "notes.txt").read_text() == "mine"
-    assert "2.06 u" in done.stdout  # the overshoot with this seed; 2.44 with the default one
-    assert "study-aoi/report.html" in done.stdout
-
-
 def test_matplotlib_is_not_imported_by_other_commands():
     done = softplc("study", "--help", PYTHONPROFILEIMPORTTIME="1")
     assert " matplotlib\n" not in done.stderr

@@ -12,6 +12,7 @@ from tests.commissioning.studies import (
     run_study,
     shows_something,
 )
+from tests.support.program import softplc
 
 
 @pytest.fixture(scope="module")
@@ -111,11 +112,18 @@ def test_the_folder_holds_what_was_told_and_nothing_is_left_elsewhere(done):
     assert list(done.home.iterdir()) == []
 
 
-def test_the_same_seed_gives_the_same_bytes(done, tmp_path):
-    again = run_study("aoi", tmp_path)
-    assert {path.name: path.read_bytes() for path in again.folder.iterdir()} == {
-        path.name: path.read_bytes() for path in done.folder.iterdir()
-    }
+def test_again_without_options_the_folder_is_study_aoi_and_the_bytes_are_the_same(done, tmp_path):
+    folder = tmp_path / "study-aoi"
+    folder.mkdir()
+    (folder / "notes.txt").write_text("mine")
+    (folder / "report.html").write_text("of last week")
+    again = softplc("study", "aoi", cwd=tmp_path, timeout=110)
+    assert again.returncode == 0, again.stderr
+    assert "2.44 u" in again.stdout
+    assert "study-aoi/report.html" in again.stdout
+    assert (folder / "notes.txt").read_text() == "mine"
+    for path in done.folder.iterdir():
+        assert (folder / path.name).read_bytes() == path.read_bytes(), path.name
 
 
 @pytest.mark.skipif(chromium() is None, reason="no Chromium here (Debian: apt install chromium)")

@@ -137,8 +137,7 @@ def _claims(numbers: DucekfNumbers) -> list[Claim]:
             "ours: with noise P⁺ = ÃPÃᵀ stays consistent through an impact, Ω∘P does not",
             "eᵀP⁻¹e nearer to 2 with ÃPÃᵀ",
             "; ".join(
-                f"κ = {kappa:g}: {nees[kappa, 'saltation']:.2f} against {nees[kappa, 'omega']:.2f}"
-                for kappa in KAPPAS
+                f"κ = {kappa:g}: {nees[kappa, 'saltation']:.2f}, Ω∘P {nees[kappa, 'omega']:.2f}" for kappa in KAPPAS
             ),
             all(abs(nees[kappa, "saltation"] - 2.0) < abs(nees[kappa, "omega"] - 2.0) for kappa in KAPPAS),
         ),
