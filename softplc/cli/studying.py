@@ -14,7 +14,7 @@ def aoi(folder: Path, seed: int, *, as_json: bool) -> int:
     from softplc.commissioning.study.aoi import study  # noqa: PLC0415
 
     expect_folder(folder)
-    return _hand_over(study(seed), folder, as_json=as_json)
+    return hand_over(study(seed), folder, as_json=as_json)
 
 
 def ducekf(folder: Path, seed: int, *, as_json: bool) -> int:
@@ -22,10 +22,11 @@ def ducekf(folder: Path, seed: int, *, as_json: bool) -> int:
     from softplc.commissioning.study.ducekf import study  # noqa: PLC0415
 
     expect_folder(folder)
-    return _hand_over(study(time.perf_counter_ns, seed), folder, as_json=as_json)
+    return hand_over(study(time.perf_counter_ns, seed), folder, as_json=as_json)
 
 
-def _hand_over(study: Study, folder: Path, *, as_json: bool) -> int:
+def hand_over(study: Study, folder: Path, *, as_json: bool) -> int:
+    """Write a finished study and tell of it; returns the exit code, which is 0 only when every claim holds."""
     files = save(study, folder)
     if as_json:
         claims = [

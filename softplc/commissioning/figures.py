@@ -1,6 +1,7 @@
 """Figures as PNG bytes: the same numbers give the same bytes, and nothing is left behind on the disk."""
 
 import io
+import logging
 import os
 import tempfile
 from collections.abc import Iterator
@@ -59,6 +60,7 @@ def drawing() -> Iterator[None]:
     with tempfile.TemporaryDirectory(prefix="softplc-study-") as folder:
         given = os.environ.get("MPLCONFIGDIR")
         os.environ["MPLCONFIGDIR"] = given or folder
+        logging.getLogger("matplotlib").setLevel(logging.ERROR)  # that its font cache takes a while concerns nobody
         try:
             matplotlib = _matplotlib()
             with matplotlib.rc_context():

@@ -37,7 +37,7 @@ def _report(numbers: AoiNumbers, methods: Sequence[MethodNumbers]) -> Report:
             (f"{ramp.velocity_error_std:.2f} u/s", "its standard deviation"),
             (f"{numbers.overshoots[0]:.2f} u", "overshoot at the first stop"),
             (
-                f"{numbers.steady[0]:.4f}, {numbers.steady[1]:.4f}",
+                f"{numbers.steady[0]:.3f}, {numbers.steady[1]:.3f}",
                 f"gains K0, K1 (1/s) from scan {max(numbers.settled_scans)} on",
             ),
         ],
