@@ -66,6 +66,8 @@ _ESTIMATES: Final = (
     Leaf("P22", "(u/s2)2", "Variance of the acceleration estimate"),
     Leaf("Cutoff", "Hz", "Cutoff frequency of the low pass in this scan"),
     Leaf("NIS", "", "Normalised innovation squared, y²/S; its mean is 1 when the tuning is consistent"),
+    Leaf("Impacts", "", "Impacts at the stops since the start of the service", DataType.UINT32),
+    Leaf("Contact", "", "The axis touches its stop", DataType.BOOLEAN),
     Leaf("Dt", "s", "Time step that the observer used in this scan"),
 )
 _STATE: Final = (
@@ -82,6 +84,10 @@ _TUNING: Final = (
     Leaf("BleedEnable", "", "Velocity damping near rest", DataType.BOOLEAN),
     Leaf("BleedThresh", "u", "Deviation below which the velocity bleeds"),
     Leaf("BleedFactor", "", "What the velocity is multiplied by in each such scan"),
+    Leaf("Band", "u", "Width of the activation band at a stop"),
+    Leaf("Restitution", "", "What an impact leaves of the speed, reversed", limits=(0.0, 10.0)),
+    Leaf("LowerStop", "u", "Position of the lower stop"),
+    Leaf("UpperStop", "u", "Position of the upper stop"),
     Leaf("Q", "(u/s)2", "Process noise of the velocity, per scan"),
     Leaf("R", "u2", "Measurement noise, per sample"),
     Leaf("q_x_ddot", "(u/s2)2", "Process noise of the acceleration, per scan"),
