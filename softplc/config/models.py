@@ -220,6 +220,14 @@ class Axis(Model):
                 )
         return self
 
+    @model_validator(mode="after")
+    def _has_the_contact_that_it_needs(self) -> Self:
+        if self.contact is None and getattr(self.observer, "needs_contact", False):
+            raise ValueError(
+                "no contact, which the observer takes its impacts from, expected a tag or contact_from: position"
+            )
+        return self
+
     @property
     def window(self) -> tuple[int, int] | None:
         """Window and lags of the consistency tags, None for none."""

@@ -1,6 +1,6 @@
 """What every observer shares: the axis as configured, its tags, and its place in the images."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, Protocol
 
@@ -122,10 +122,15 @@ def _tag(spec: AxisSpec, name: str, observer: ObserverModel) -> Tag:
 
 
 def _limits(leaf: Leaf, observer: ObserverModel) -> tuple[float, float] | None:
-    """What may be written to a tuning tag: in REAL a number that stays within the limits when it is rounded."""
-    if leaf.limits is None or leaf.data_type is not DataType.DOUBLE or getattr(observer, "precision", "") != "real":
-        return leaf.limits
-    low, high = (float(bound) for bound in np.clip(leaf.limits, -_REAL_MAX, _REAL_MAX))
+    """What may be written to a tuning tag: in REAL a number that stays within the limits when it is rounded.
+
+    A model whose options narrow the limits of the catalogue has them by leaf in `limits`.
+    """
+    narrower: Mapping[str, tuple[float, float]] = getattr(observer, "limits", {})
+    limits = narrower.get(leaf.name, leaf.limits)
+    if limits is None or leaf.data_type is not DataType.DOUBLE or getattr(observer, "precision", "") != "real":
+        return limits
+    low, high = (float(bound) for bound in np.clip(limits, -_REAL_MAX, _REAL_MAX))
     low = max(low, _REAL_TINY) if low > 0.0 else low
     nearest = np.float32(high)
     return low, float(np.nextafter(nearest, np.float32(-np.inf)) if float(nearest) > high else nearest)

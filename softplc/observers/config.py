@@ -8,6 +8,7 @@ from softplc.observers.alpha_beta import AlphaBetaConfig
 from softplc.observers.aoi import AoiConfig
 from softplc.observers.cv_accel import CvAccelConfig
 from softplc.observers.derivative import DerivativeConfig
+from softplc.observers.ducekf import DucekfConfig
 from softplc.observers.fb_kalman import FbKalmanConfig
 from softplc.observers.finite_difference import FiniteDifferenceConfig
 from softplc.observers.moving_average import MovingAverageConfig
@@ -18,6 +19,7 @@ ObserverConfig = Annotated[
     | AoiConfig
     | CvAccelConfig
     | DerivativeConfig
+    | DucekfConfig
     | FbKalmanConfig
     | FiniteDifferenceConfig
     | MovingAverageConfig
