@@ -30,6 +30,8 @@ _OUTCOME: Final = {
     Result.WARMING_UP: (StatusCode.UNCERTAIN_INITIAL_VALUE, Reason.INITIALISING),
 }
 
+_MOST: Final = float(np.finfo(np.float64).max)
+
 
 class AxisGroup:
     """All axes that one kernel steps, in one task. Arrays[axes]; one call of `begin` and `finish` a scan.
@@ -116,6 +118,7 @@ class AxisGroup:
             np.multiply(innovation, innovation, out=nis)
             np.divide(nis, S, out=nis, where=S > 0.0)
             np.copyto(nis, 0.0, where=~(S > 0.0))
+            np.minimum(nis, _MOST, out=nis)  # the square may overflow where nothing else did
 
         stepped = time.rows & finite
         if self._consistency is not None:

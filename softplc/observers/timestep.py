@@ -1,5 +1,6 @@
 """The time step of each axis: measured, never lost, never negative; and what a repeated sample is worth."""
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -59,7 +60,7 @@ class TimeStep:
 
         `of_the_plc`: the step that the PLC's own observer used for this sample, seconds, NaN where that is not known.
         """
-        elapsed = scan.dt if scan.dt > 0.0 else 0.0
+        elapsed = scan.dt if 0.0 < scan.dt < math.inf else 0.0
         usable = samples.usable
         self._pending += elapsed
         self._unseen += elapsed

@@ -31,6 +31,7 @@ Flags = NDArray[np.bool_]
 BLOCKS: Final = 10
 EXPECTED_OUTSIDE: Final = math.erfc(math.sqrt(2.0))  # of a normal variable beyond two sigma: 0.0455
 
+_ABSURD: Final = 1e150  # ν whose square would not be a number for long
 _MOST: Final = sys.float_info.max
 _NIS_ALARM: Final = 0.999  # of consistent windows lie inside; the published band is at 95 %
 _WHITE_ALARM: Final = 2.6  # standard errors of the mean autocorrelation, 99 %
@@ -86,7 +87,7 @@ def step(state: ConsistencyState, y: Numbers, S: Numbers, rows: Flags) -> Flags 
     nu = state._nu
     np.sqrt(S, out=nu)
     np.divide(y, nu, out=nu)
-    counted = rows & (np.abs(nu) < np.inf)  # also false for NaN
+    counted = rows & (np.abs(nu) < _ABSURD)  # also false for NaN
     if state.skip.any():
         settling = counted & (state.skip > 0)
         state.skip[settling] -= 1
