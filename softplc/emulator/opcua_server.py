@@ -6,6 +6,7 @@ ns=2;s=AxisX.Position           Double   measured
 ns=2;s=AxisX.TruePosition       Double
 ns=2;s=AxisX.TrueVelocity       Double
 ns=2;s=AxisX.Count              Int32    measured, as the encoder counts
+ns=2;s=AxisX.Contact            Boolean  limit switch, on an axis that bounces
 ns=2;s=AxisX.Enable             Boolean  writable
 ns=2;s=AxisX.FilteredPosition   Double   writable
 ns=2;s=AxisX.FilteredVelocity   Double   writable
@@ -24,6 +25,7 @@ from asyncua import Server, ua
 from asyncua.crypto.permission_rules import User, UserRole
 
 from softplc.clock import Clock
+from softplc.emulator.bounce import Bounce
 from softplc.emulator.memory import MemoryState
 from softplc.emulator.plant import PlantStep
 from softplc.emulator.scenario import EmulatedAxis, OpcUaEndpoint, Scenario
@@ -55,6 +57,8 @@ _AXIS_NODES: Final = (
     _Node("FilteredPosition", _DOUBLE, 0.0, "position", "For write-back"),
     _Node("FilteredVelocity", _DOUBLE, 0.0, "velocity", "For write-back"),
 )
+
+_CONTACT: Final = _Node("Contact", ua.VariantType.Boolean, False, None, "Limit switch at the stops")
 
 
 class _AnonymousOnly:
@@ -115,6 +119,8 @@ class OpcUaServer:
             await self._write(_node_id(axis.name, "Count"), state.count, ua.VariantType.Int32, measured, state.status)
             await self._write(_node_id(axis.name, "TruePosition"), state.true_position, _DOUBLE, timestamp)
             await self._write(_node_id(axis.name, "TrueVelocity"), state.true_velocity, _DOUBLE, timestamp)
+            if isinstance(axis.motion, Bounce):
+                await self._write(_node_id(axis.name, "Contact"), state.contact, ua.VariantType.Boolean, timestamp)
         for writable in self._writable:
             if writable.changed_elsewhere():
                 await self._write(writable.node, writable.value, writable.variant, timestamp)
@@ -151,7 +157,7 @@ class OpcUaServer:
 
     async def _add_axis(self, axis: EmulatedAxis) -> None:
         parent = await self._server.nodes.objects.add_object(_id(axis.name), ua.QualifiedName(axis.name, _INDEX))
-        for node in _AXIS_NODES:
+        for node in (*_AXIS_NODES, *((_CONTACT,) if isinstance(axis.motion, Bounce) else ())):
             symbol = {"position": axis.unit, "velocity": per_second(axis.unit), None: None}[node.quantity]
             await _add(parent, node, f"{axis.name}.", symbol)
 
