@@ -1,5 +1,8 @@
 """What FB_KalmanFilter is and what it costs: the analysis of docs/observers/fb_kalman.md, number by number."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
@@ -14,6 +17,9 @@ DT, R = 0.1, 1.0
 _GRID = [
     (Q, r, dt) for Q in (1e-4, 1e-3, 0.01, 0.1, 1.0) for r in (0.01, 1.0, 4 / 3, 100.0) for dt in (0.02, 0.1, 0.5)
 ]
+
+
+PAGE = Path(__file__).parents[2] / "docs" / "observers" / "fb_kalman.md"
 
 
 def column(name: str) -> int:
@@ -44,6 +50,32 @@ def test_corrected_is_the_kalman_filter_from_the_first_scan_on_for_any_time_step
     columns = [column(name) for name in ("x_pos", "x_vel", "KalmanGain", "k_vel", "p_11", "p_12", "p_22")]
     # |x| reaches 330, whose last place is 6e-14; the filter remembers some 30 scans of such rounding
     np.testing.assert_allclose(outputs[:, columns], filterpy_form(scans), rtol=0, atol=2e-12)
+
+
+def test_the_cure_printed_on_the_page_is_the_corrected_kernel_in_every_bit_of_a_real():
+    """The Structured Text of the page, run line by line: each is one assignment, which Python reads as it stands."""
+    found = re.search(r"```pascal\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert found is not None
+    cure = found.group(1).replace(":=", "=").replace("//", "#")
+    predict = """
+x_pos = x_pos + DeltaT * x_vel
+p_11 = p_11 + DeltaT * (DeltaT * p_22 + 2 * p_12)
+p_12 = p_12 + DeltaT * p_22
+p_22 = p_22 + Q
+"""
+    real = np.float32
+    block = {"x_pos": real(0), "x_vel": real(0), "p_11": real(1), "p_12": real(0), "p_22": real(1)}
+    z, dt = np.cumsum(np.random.default_rng(4).normal(size=500)), np.random.default_rng(5).uniform(0.01, 0.3, 500)
+
+    outputs, _ = run_reference(
+        [FbKalmanInputs(a, 0.1, 1.0, b) for a, b in zip(z, dt, strict=True)], "real", "corrected"
+    )
+
+    for k in range(500):
+        block.update(MeasuredPosition=real(z[k]), Q=real(0.1), R=real(1.0), DeltaT=real(dt[k]))
+        exec(predict + cure, {}, block)
+        for name in ("x_pos", "x_vel", "KalmanGain", "p_11", "p_12", "p_22", "k_vel"):
+            assert outputs[k, column(name)] == block[name], (k, name)
 
 
 def test_covariance_and_position_gain_of_both_settle_where_the_kalman_filter_does():
@@ -111,7 +143,6 @@ def test_poles_and_damping_of_the_example():
 
     assert poles(alpha, beta)[0] == pytest.approx(0.802 + 0.366j, abs=1e-3)
     assert damping(alpha, beta) == pytest.approx(0.28, abs=5e-3)
-    assert damping(*gains(0.1, "corrected")) == pytest.approx(0.70, abs=0.03)  # about 1/√2, as a Kalman filter has
 
 
 @pytest.mark.parametrize(("K", "zeta"), [(0.05, 0.116), (0.1, 0.17), (0.2, 0.26), (0.5, 0.58)])
@@ -137,13 +168,21 @@ def test_stable_for_every_gain_between_0_and_1():
         assert (beta > K * K / (2 - K)) == (2 - np.sqrt(2) > K)  # too large below α = 2 − √2 = 0.586, too small above
 
 
-@pytest.mark.parametrize(("variant", "overshoot"), [("as_written", 0.41), ("corrected", 0.18)])
-def test_overshoot_of_a_step(variant: str, overshoot: float):
-    settled, step = [FbKalmanInputs(0.0, 0.1, R, DT)] * 500, [FbKalmanInputs(1.0, 0.1, R, DT)] * 200
+_EFFECT = [  # Q, then damping and overshoot as written and corrected, with the digits of the page
+    (0.1, (0.28, 0.41), (0.71, 0.18)),
+    (0.01, (0.20, 0.53), (0.71, 0.19)),
+    (0.001, (0.15, 0.64), (0.71, 0.20)),
+    (0.0001, (0.11, 0.71), (0.71, 0.20)),
+]
 
-    outputs, _ = run_reference(settled + step, "lreal", variant)
 
-    assert outputs[:, 0].max() - 1 == pytest.approx(overshoot, abs=5e-3)
+@pytest.mark.parametrize(("Q", "written", "corrected"), _EFFECT)
+def test_damping_and_overshoot_of_a_step(Q: float, written: tuple[float, float], corrected: tuple[float, float]):
+    scans = [FbKalmanInputs(0.0, Q, R, DT)] * 2000 + [FbKalmanInputs(1.0, Q, R, DT)] * 400
+    for variant, expected in (("as_written", written), ("corrected", corrected)):
+        overshoot = max(state.x_pos for state in states(scans, variant)) - 1
+
+        assert (damping(*gains(Q, variant)), overshoot) == pytest.approx(expected, abs=5e-3)
 
 
 @pytest.mark.parametrize("variant", ["as_written", "corrected"])
