@@ -42,6 +42,8 @@ _UNITS: Final[Mapping[str, Callable[[str], str]]] = {
     "u2/s3": lambda u: f"{squared(u)}/s3",
     "(u/s)2": lambda u: squared(per_second(u)),
     "(u/s2)2": lambda u: f"({u}/s2)2" if u else "1/s4",
+    "u2/s5": lambda u: f"{squared(u)}/s5" if u else "1/s5",
+    "1/u": lambda u: f"1/{u}" if u else "",
 }
 
 _OUTPUTS: Final = (
@@ -57,6 +59,12 @@ _ESTIMATES: Final = (
     Leaf("P00", "u2", "Variance of the position estimate"),
     Leaf("P01", "u2/s", "Covariance of position and velocity estimates"),
     Leaf("P11", "(u/s)2", "Variance of the velocity estimate"),
+    Leaf("Acceleration", "u/s2", "Estimated acceleration"),
+    Leaf("K2", "1/s2", "Kalman gain for the acceleration"),
+    Leaf("P02", "u2/s2", "Covariance of position and acceleration estimates"),
+    Leaf("P12", "u2/s3", "Covariance of velocity and acceleration estimates"),
+    Leaf("P22", "(u/s2)2", "Variance of the acceleration estimate"),
+    Leaf("Cutoff", "Hz", "Cutoff frequency of the low pass in this scan"),
     Leaf("NIS", "", "Normalised innovation squared, y²/S; its mean is 1 when the tuning is consistent"),
     Leaf("Impacts", "", "Impacts at the stops since the start of the service", DataType.UINT32),
     Leaf("Contact", "", "The axis touches its stop", DataType.BOOLEAN),
@@ -82,6 +90,17 @@ _TUNING: Final = (
     Leaf("UpperStop", "u", "Position of the upper stop"),
     Leaf("Q", "(u/s)2", "Process noise of the velocity, per scan"),
     Leaf("R", "u2", "Measurement noise, per sample"),
+    Leaf("q_x_ddot", "(u/s2)2", "Process noise of the acceleration, per scan"),
+    Leaf("q_jerk", "u2/s5", "Spectral density of the white jerk"),
+    Leaf("window", "", "Samples that are averaged", DataType.UINT16, limits=(2.0, 1000.0)),
+    Leaf("cycle", "s", "Sampling period that the block believes in", limits=(1e-6, 3600.0)),
+    Leaf("alpha", "", "Gain for the position, α", limits=(1e-6, 1.0)),
+    Leaf("beta", "", "Gain for the velocity times Δt, β", limits=(1e-12, 4.0)),
+    Leaf("sigma_w", "u/s2", "Standard deviation of the acceleration", limits=(1e-6, 1e6)),
+    Leaf("sigma_v", "u", "Standard deviation of the measurement", limits=(1e-6, 1e6)),
+    Leaf("min_cutoff", "Hz", "Cutoff frequency at rest", limits=(1e-6, 1e6)),
+    Leaf("cutoff_slope", "1/u", "Rise of the cutoff with the speed, the paper's β", limits=(0.0, 1e9)),
+    Leaf("d_cutoff", "Hz", "Cutoff frequency of the velocity", limits=(1e-6, 1e6)),
 )
 
 LEAVES: Final = {leaf.name: leaf for leaf in (*_OUTPUTS, *_INPUTS, *_ESTIMATES, *_STATE, *_COMMANDS, *_TUNING)}
