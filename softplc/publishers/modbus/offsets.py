@@ -102,6 +102,8 @@ AXIS: Final = Frame(
         "Acceleration": 26,
         "Cutoff": 26,
         "Impacts": 26,
+        "LowerStop": 28,
+        "UpperStop": 30,
         "q_x": 32,
         "q_x_dot": 34,
         "r_x": 36,
