@@ -136,7 +136,7 @@ AXIS: Final = Frame(
         Derived(48, "Status", _U32, "", "OPC UA StatusCode of the position", Origin.STATUS, "Position"),
     ),
     range(50, 64),
-    frozenset({"K2", "P02", "P12", "P22", "LowerStop", "UpperStop"}),
+    frozenset({"K2", "P02", "P12", "P22"}),
 )
 FRAMES: Final = {"task": TASK, "source": SOURCE, "axis": AXIS}
 """Kind of block (`softplc.tags.Block.kind`) → its frame, in order of address."""
