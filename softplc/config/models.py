@@ -106,11 +106,14 @@ class WriteBack(Model):
     """At least so long between two writes, ms; the newest value wins."""
 
 
+_WINDOW = "a multiple of 10 from 50 to 10000"
+
+
 class Consistency(Model):
     """Tags that tell whether the tuning fits, from the innovations of the last updates."""
 
-    window: Annotated[int, Field(ge=50, le=10_000, multiple_of=10)] = 200
-    """Updates that are looked at, a multiple of 10. Bigger is surer, and later to see a change."""
+    window: Annotated[int, Field(ge=50, le=10_000, multiple_of=10, json_schema_extra={"x-expected": _WINDOW})] = 200
+    """Updates that are looked at. Bigger is surer, and later to see a change."""
     lags: Annotated[int, Field(ge=1, le=20)] = 5
     """Autocorrelations of the innovations that are looked at. Bigger sees slower patterns, each less surely."""
 

@@ -6,6 +6,7 @@ ns=2;s=AxisX.Position           Double   measured
 ns=2;s=AxisX.TruePosition       Double
 ns=2;s=AxisX.TrueVelocity       Double
 ns=2;s=AxisX.Count              Int32    measured, as the encoder counts
+ns=2;s=AxisX.Contact            Boolean  limit switch, on an axis that bounces
 ns=2;s=AxisX.Enable             Boolean  writable
 ns=2;s=AxisX.FilteredPosition   Double   writable
 ns=2;s=AxisX.FilteredVelocity   Double   writable
@@ -28,6 +29,7 @@ from asyncua import Server, ua
 from asyncua.crypto.permission_rules import User, UserRole
 
 from softplc.clock import Clock
+from softplc.emulator.bounce import Bounce
 from softplc.emulator.memory import MemoryState
 from softplc.emulator.plant import PlantStep
 from softplc.emulator.program import AoiProgram
@@ -60,6 +62,8 @@ _AXIS_NODES: Final = (
     _Node("FilteredPosition", _DOUBLE, 0.0, "position", "For write-back"),
     _Node("FilteredVelocity", _DOUBLE, 0.0, "velocity", "For write-back"),
 )
+
+_CONTACT: Final = _Node("Contact", ua.VariantType.Boolean, False, None, "Limit switch at the stops")
 
 
 def _aoi_nodes(program: AoiProgram) -> tuple[_Node, ...]:
@@ -130,6 +134,8 @@ class OpcUaServer:
             await self._write(_node_id(axis.name, "Count"), state.count, ua.VariantType.Int32, measured, state.status)
             await self._write(_node_id(axis.name, "TruePosition"), state.true_position, _DOUBLE, timestamp)
             await self._write(_node_id(axis.name, "TrueVelocity"), state.true_velocity, _DOUBLE, timestamp)
+            if isinstance(axis.motion, Bounce):
+                await self._write(_node_id(axis.name, "Contact"), state.contact, ua.VariantType.Boolean, timestamp)
             if axis.aoi is not None and state.aoi is not None:
                 values = (state.aoi.enable_in, state.aoi.dt, state.aoi.y, state.aoi.y_dot)
                 for node, value in zip(_aoi_nodes(axis.aoi), values, strict=True):
@@ -170,7 +176,8 @@ class OpcUaServer:
 
     async def _add_axis(self, axis: EmulatedAxis) -> None:
         parent = await self._server.nodes.objects.add_object(_id(axis.name), ua.QualifiedName(axis.name, _INDEX))
-        for node in (*_AXIS_NODES, *(_aoi_nodes(axis.aoi) if axis.aoi else ())):
+        contact = (_CONTACT,) if isinstance(axis.motion, Bounce) else ()
+        for node in (*_AXIS_NODES, *contact, *(_aoi_nodes(axis.aoi) if axis.aoi else ())):
             symbol = {"position": axis.unit, "velocity": per_second(axis.unit), None: None}[node.quantity]
             await _add(parent, node, f"{axis.name}.", symbol)
 

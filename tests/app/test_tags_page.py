@@ -4,6 +4,7 @@ from pathlib import Path
 from softplc.kernel.diagnosis import DIAGNOSIS_TEXT, Diagnosis
 from softplc.observers.aoi import AoiConfig
 from softplc.observers.axes import AxisSpec, axis_tags
+from softplc.observers.ducekf import DucekfConfig, EndStops
 from softplc.sample import Reason
 from softplc.scan import source_tags, task_tags
 
@@ -12,7 +13,10 @@ PAGE = (Path(__file__).parents[2] / "docs" / "tags.md").read_text(encoding="utf-
 
 def test_every_published_tag_stands_on_the_page_of_tags():
     spec = AxisSpec("X", consistency=(200, 5), shadow=("position", "velocity"))
-    tags = [*axis_tags(spec, AoiConfig(type="aoi", r_x=1.0)), *task_tags("T"), *source_tags("S")]
+    stops = DucekfConfig(type="ducekf", r_x=1.0, model=EndStops(type="end_stops", lower=0.0, upper=1.0))
+    observers = [AoiConfig(type="aoi", r_x=1.0), stops]
+    tags = [tag for observer in observers for tag in axis_tags(spec, observer)]
+    tags += [*task_tags("T"), *source_tags("S")]
     named = set(re.findall(r"`([A-Za-z0-9_]+)`", PAGE))
     assert {tag.name.rpartition(".")[2] for tag in tags} <= named
 

@@ -8,7 +8,7 @@ import pytest
 from softplc.config.load import load
 
 ROOT = Path(__file__).parents[2]
-PAGES = ("baselines.md", "cv_accel.md")
+PAGES = ("baselines.md", "cv_accel.md", "ducekf.md")
 _PLANT = """\
 sources:
   - {name: plc1, type: opcua, url: "opc.tcp://127.0.0.1:4841"}

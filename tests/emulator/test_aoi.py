@@ -54,10 +54,10 @@ def test_its_outputs_are_in_the_registers_behind_the_quality():
     wire = struct.pack(">140H", *modbus_map.registers(step, memory, "ABCD"))
     shown = step.axes[0].aoi
     assert shown is not None
-    assert struct.unpack_from(">Hfff", wire, 2 * 113) == (1, 50.0, shown.y, shown.y_dot)
-    assert wire[2 * 133 : 2 * 140] == bytes(14)
+    assert struct.unpack_from(">fff", wire, 2 * 114) == (50.0, shown.y, shown.y_dot)
+    assert wire[2 * 134 : 2 * 140] == bytes(12)
     names = {row.name: row.offset for row in modbus_map.rows(chosen)}
-    assert [names[f"AxisX.{name}"] for name in ("EnableIn", "dt", "y", "y_dot")] == [113, 114, 116, 118]
+    assert [names[f"AxisX.{name}"] for name in ("dt", "y", "y_dot")] == [114, 116, 118]
     assert "AxisY.y" not in names
 
 
