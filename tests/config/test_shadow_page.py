@@ -4,7 +4,7 @@ import json
 import re
 from pathlib import Path
 
-import yaml
+from ruamel.yaml import YAML
 
 from softplc.config.load import load
 from softplc.emulator.scenario import Scenario
@@ -23,5 +23,5 @@ def test_the_plant_loads(tmp_path: Path):
 
 
 def test_the_emulated_plc_loads():
-    scenario = Scenario.model_validate_json(json.dumps(yaml.safe_load(PLC) | {"opcua": {}}))
+    scenario = Scenario.model_validate_json(json.dumps(YAML(typ="safe").load(PLC) | {"opcua": {}}))
     assert scenario.axes[0].aoi is not None
