@@ -59,7 +59,7 @@ def observer(n: int) -> Callable[[int], None]:
     config, table = AoiConfig(type="aoi", q_x=0.01, q_x_dot=0.1, r_x=4 / 3), TagTable()
     specs = [AxisSpec(f"A{i}") for i in range(n)]
     places = [
-        AxisPlace(spec, i, None, table.add_block(spec.name, "axis", axis_tags(spec, config.tuning_tags(spec))))
+        AxisPlace(spec, i, None, table.add_block(spec.name, "axis", axis_tags(spec, config)))
         for i, spec in enumerate(specs)
     ]
     built, inputs, outputs = AoiConfig.build(places, [config] * n), Image(n), Image(len(table))

@@ -30,7 +30,7 @@ def make_table(axes: int) -> TagTable:
     table = TagTable()
     for number in range(axes):
         spec = AxisSpec(f"Axis{number:03d}", unit="mm")
-        table.add_block(spec.name, "axis", axis_tags(spec, OBSERVER.tuning_tags(spec)))
+        table.add_block(spec.name, "axis", axis_tags(spec, OBSERVER))
     table.close_section("main")
     return table
 

@@ -3,7 +3,7 @@ import threading
 
 import numpy as np
 
-from softplc.clock import SystemClock, VirtualClock
+from softplc.clock import VirtualClock
 from softplc.exchange import COMMANDS, Reader, Writer, size
 from softplc.sample import StatusCode
 from softplc.tags import Image, Tag, TagTable

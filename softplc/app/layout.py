@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from softplc.config.models import Axis, Config, Source, Task, WriteBack
-from softplc.observers.axes import AxisPlace, AxisSpec, axis_tags
+from softplc.observers.axes import AxisPlace, AxisSpec, axis_tags, leaves_of
 from softplc.scan import source_tags, task_tags
 from softplc.tags import Block, TagTable
 
@@ -40,7 +40,7 @@ class WriteBackLayout:
 
 @dataclass(frozen=True, slots=True)
 class ObserverLayout:
-    """All axes that one observer object steps: equal task, type and group key."""
+    """All axes that one observer object steps: equal task, type, group key and leaves."""
 
     places: tuple[AxisPlace, ...]
     configs: tuple[Any, ...]
@@ -100,9 +100,8 @@ def _lay_out_task(
     block = table.add_block(task.name, "task", task_tags(task.name))
     used = _sources_of(table, axes, sources)
     for axis in axes:
-        _read(used, axis.input, f"{axis.name}.Raw")
-        if hasattr(axis.enable, "source"):
-            _read(used, axis.enable, f"{axis.name}.Enable")
+        for tag, leaf in _inputs(axis):
+            _read(used, tag, f"{axis.name}.{leaf}")
     start = 0
     for source in used.values():
         source.start = start
@@ -111,7 +110,8 @@ def _lay_out_task(
     write_backs: list[WriteBackLayout] = []
     for axis in axes:
         place = _place(table, used, axis)
-        groups[axis.observer.type, axis.observer.group_key].append((place, axis.observer))
+        observer = axis.observer
+        groups[observer.type, observer.group_key, leaves_of(observer)].append((place, observer))
         write_backs += [_write(used, axis.name, place.block, write_back) for write_back in axis.write_back]
     table.close_section(task.name)
     observers = tuple(
@@ -121,12 +121,16 @@ def _lay_out_task(
     return TaskLayout(task, section, block, tuple(used.values()), observers, tuple(write_backs), start)
 
 
+def _inputs(axis: Axis) -> list[tuple[Any, str]]:
+    """The tags that an axis reads, each with the leaf that it stands for."""
+    tags = ((axis.input, "Raw"), (axis.enable, "Enable"), (axis.contact, "Contact"))
+    return [(tag, leaf) for tag, leaf in tags if hasattr(tag, "source")]
+
+
 def _sources_of(table: TagTable, axes: Sequence[Axis], sources: dict[str, Source]) -> dict[str, SourceLayout]:
     names: dict[str, None] = {}
     for axis in axes:
-        names[axis.input.source] = None
-        if hasattr(axis.enable, "source"):
-            names[axis.enable.source] = None
+        names.update((tag.source, None) for tag, _ in _inputs(axis))
         for write_back in axis.write_back:
             names[write_back.tag.source] = None
     return {name: SourceLayout(sources[name], table.add_block(name, "source", source_tags(name))) for name in names}
@@ -134,20 +138,16 @@ def _sources_of(table: TagTable, axes: Sequence[Axis], sources: dict[str, Source
 
 def _read(used: dict[str, SourceLayout], tag: Any, name: str) -> None:
     source = used[tag.source]
-    if tag not in source.readings:  # two axes may share one enable tag
+    if tag not in source.readings:  # two axes may share an enable tag
         source.readings[tag] = len(source.readings)
         source.reading_names.append(name)
 
 
 def _place(table: TagTable, used: dict[str, SourceLayout], axis: Axis) -> AxisPlace:
-    def position(tag: Any) -> int:
-        source = used[tag.source]
-        return source.start + source.readings[tag]
-
     spec = axis_spec(axis)
-    enable = position(axis.enable) if hasattr(axis.enable, "source") else None
-    block = table.add_block(axis.name, "axis", axis_tags(spec, axis.observer.tuning_tags(spec)))
-    return AxisPlace(spec, position(axis.input), enable, block)
+    position = {leaf: used[tag.source].start + used[tag.source].readings[tag] for tag, leaf in _inputs(axis)}
+    block = table.add_block(axis.name, "axis", axis_tags(spec, axis.observer))
+    return AxisPlace(spec, position["Raw"], position.get("Enable"), block, position.get("Contact"))
 
 
 def _write(used: dict[str, SourceLayout], axis: str, block: Block, write_back: WriteBack) -> WriteBackLayout:

@@ -29,9 +29,11 @@ def misspelt_key(block: Mapping, key: str, path: Path, known: Sequence[str]) -> 
     return problem, mend
 
 
-def misspelt_word(node: Scalar, path: Path, known: Sequence[str]) -> tuple[Problem, Mend | None]:
-    """A word that is none of those allowed."""
-    text = f"found {words.found(node)}, expected {words.choice(known)}"
+def misspelt_word(
+    node: Scalar, path: Path, known: Sequence[str], in_words: str | None = None
+) -> tuple[Problem, Mend | None]:
+    """A word that is none of those allowed; `in_words` says what they are where they are too many to be listed."""
+    text = f"found {words.found(node)}, expected {in_words or words.choice(known)}"
     if not isinstance(node.value, str):
         return Problem(node.line, node.column, path, text), None
     guess = words.near(node.value, known)

@@ -1,14 +1,16 @@
 """The configuration file as models: tasks, sources, axes, publishers, logging, real-time options."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+from pydantic_core import PydanticCustomError
 
 from softplc.drivers.modbus.config import ModbusSource, ModbusTag
 from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
 from softplc.drivers.replay import ReplaySource, ReplayTag
 from softplc.model import Model, Name
-from softplc.observers.aoi import AoiConfig
+from softplc.observers.config import ObserverConfig
+from softplc.observers.leaves import ESTIMATES
 from softplc.publishers.modbus.config import ModbusPublisher
 from softplc.publishers.opcua.config import OpcUaPublisher
 
@@ -77,11 +79,23 @@ Enable = Annotated[
 ]
 
 
+_OUTPUTS = (*ESTIMATES, "Quality")
+_OUTPUT = "a tag that the axis' observer estimates, as Position or Velocity, or Quality"
+
+
+def _known_output(value: str) -> str:
+    if value not in _OUTPUTS:
+        raise PydanticCustomError("output", "not a tag that can be written back")
+    return value
+
+
 class WriteBack(Model):
     """One output of an axis that is written into a source PLC. Only Good values are written."""
 
-    output: Literal["Position", "Velocity", "Innovation", "S", "K0", "K1", "P00", "P01", "P11", "NIS", "Quality"]
-    """Which published tag of the axis."""
+    output: Annotated[
+        str, AfterValidator(_known_output), Field(json_schema_extra={"enum": [*_OUTPUTS], "x-expected": _OUTPUT})
+    ]
+    """Which published tag of the axis, one that its observer has."""
     tag: SourceTag
     """Where it goes."""
     deadband: Annotated[float, Field(ge=0)] = 0.0
@@ -102,7 +116,7 @@ class Axis(Model):
     """First part of the names of its tags, as in AxisX.Position."""
     input: SourceTag
     """The measured position."""
-    observer: AoiConfig
+    observer: ObserverConfig
     """Which observer filters it, with its tuning."""
     unit: Annotated[str, Field(max_length=16)] = ""
     """Unit of the position, as in mm, deg, in, count; velocity is in unit/s."""
@@ -118,8 +132,21 @@ class Axis(Model):
     """When no new sample came: take the held value as a measurement, or predict only and publish the prediction."""
     held_after_ms: Annotated[float, Field(ge=0, le=3_600_000)] = 1000.0
     """predict: a value unchanged for so long on a live link is held, and counts as a measurement, ms."""
+    contact: SourceTag | None = None
+    """A Boolean tag, a limit switch or a force, that is not 0 while the axis touches its stop; for ducekf."""
     write_back: tuple[WriteBack, ...] = ()
     """Outputs that are written into a source."""
+
+    @model_validator(mode="after")
+    def _writes_what_it_has(self) -> Self:
+        own = ("Position", "Velocity", *self.observer.estimates, "Dt", "Quality")
+        for write_back in self.write_back:
+            if write_back.output not in own:
+                raise ValueError(
+                    f"write_back of {write_back.output}, which observer {self.observer.type} does not have, "
+                    f"expected one of {', '.join(own)}"
+                )
+        return self
 
 
 class RealTime(Model):

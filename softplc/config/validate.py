@@ -14,7 +14,7 @@ from softplc.config import words
 from softplc.config.mend import Mend, misspelt_key, misspelt_word
 from softplc.config.place import Place, follow
 from softplc.config.problem import LONG, Problem, shown
-from softplc.config.schema import CHOICES, SECRET, Fragment, schema
+from softplc.config.schema import CHOICES, EXPECTED, SECRET, Fragment, schema
 from softplc.config.tree import Mapping, Node, Scalar, Sequence, plain
 
 _ROUNDS: Final = 8  # each mends at least one key; deeper nests of mistyped keys than this are not looked into
@@ -67,7 +67,7 @@ def _judge(root: Node, top: Fragment, error: Any) -> Iterator[Judged]:
         quotes_a_login = place.secret and "@" in text
         yield _wrong_value(top, place) if quotes_a_login else _problem(place, text), None
     elif isinstance(node, Scalar) and ("enum" in fragment or "const" in fragment):
-        yield misspelt_word(node, place.path, words.values(fragment))
+        yield misspelt_word(node, place.path, words.values(fragment), fragment.get(EXPECTED))
     elif not (isinstance(node, Mapping | Sequence) and node.partial):
         yield _wrong_value(top, place), None
 

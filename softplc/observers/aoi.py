@@ -1,19 +1,18 @@
 """The Logix AOI: two-state constant-velocity Kalman observer with scalar arithmetic, batch over axes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from softplc.interfaces import Observer
 from softplc.kernel.batch import aoi as batch
 from softplc.model import Model
-from softplc.observers.axes import AxisPlace, AxisSpec
-from softplc.observers.group import AxisGroup
-from softplc.tags import DataType, Image, Role, Tag
-from softplc.timing import Scan
-from softplc.units import per_second, squared
+from softplc.observers.axes import AxisPlace
+from softplc.observers.kernel import Flags, Given, Numbers
+from softplc.observers.observer import AxisObserver
 
 
 class Bleed(Model):
@@ -55,21 +54,15 @@ class AoiConfig(Model):
         """Axes of one task whose configurations have the same key are stepped by one observer."""
         return (self.type, self.precision)
 
-    def tuning_tags(self, spec: AxisSpec) -> tuple[Tag, ...]:
-        """The tuning as tags, named as the AOI names its inputs."""
-        unit, speed = spec.unit, per_second(spec.unit)
+    @property
+    def estimates(self) -> tuple[str, ...]:
+        """Leaves beside Position and Velocity."""
+        return ("Innovation", "S", "K0", "K1", "P00", "P01", "P11", "NIS")
 
-        def tag(leaf: str, unit: str, description: str, data_type: DataType = DataType.DOUBLE) -> Tag:
-            return Tag(f"{spec.name}.{leaf}", unit, description, Role.TUNING, data_type)
-
-        return (
-            tag("q_x", squared(unit), "Process noise of the position, per scan"),
-            tag("q_x_dot", squared(speed), "Process noise of the velocity, per scan"),
-            tag("r_x", squared(unit), "Measurement noise, per sample"),
-            tag("BleedEnable", "", "Velocity damping near rest", DataType.BOOLEAN),
-            tag("BleedThresh", unit, "Deviation below which the velocity bleeds"),
-            tag("BleedFactor", "", "What the velocity is multiplied by in each such scan"),
-        )
+    @property
+    def tuning(self) -> tuple[str, ...]:
+        """Leaves of the tuning, named as the AOI names its inputs."""
+        return ("q_x", "q_x_dot", "r_x", "BleedEnable", "BleedThresh", "BleedFactor")
 
     @staticmethod
     def build(places: Sequence[AxisPlace], configs: Sequence["AoiConfig"]) -> Observer:
@@ -77,19 +70,20 @@ class AoiConfig(Model):
 
         Raises ValueError when the configurations differ in their `group_key`, or the axes' blocks in their tags.
         """
-        return AoiObserver(places, configs)
-
-
-class AoiObserver:
-    """Steps the AOI of every axis of the group in one call into the kernel."""
-
-    def __init__(self, places: Sequence[AxisPlace], configs: Sequence[AoiConfig]) -> None:
         if len(places) != len(configs) or len({config.group_key for config in configs}) != 1:
             raise ValueError("expected one configuration for each axis, all with the same group_key")
-        dtype = np.float32 if configs[0].precision == "real" else np.float64
+        kernel = AoiKernel(configs)
+        return AxisObserver(places, kernel.dtype, kernel)
+
+
+class AoiKernel:
+    """The AOI of n axes of the same precision."""
+
+    def __init__(self, configs: Sequence[AoiConfig]) -> None:
+        self.dtype = np.dtype(np.float32 if configs[0].precision == "real" else np.float64)
         bleeds = [config.bleed for config in configs]
         self._tuning = batch.AoiTuning(
-            dtype,
+            self.dtype,
             q_x=[config.q_x for config in configs],
             q_x_dot=[config.q_x_dot for config in configs],
             r_x=[config.r_x for config in configs],
@@ -97,38 +91,46 @@ class AoiObserver:
             BleedThresh=[bleed.threshold if bleed else 0.0 for bleed in bleeds],
             BleedFactor=[bleed.factor if bleed else 1.0 for bleed in bleeds],
         )
-        self._state = state = batch.AoiBatchState(len(places), dtype)
-        self._group = AxisGroup(
-            places,
-            dtype,
-            kernel=(state.y, state.y_dot, state.y_res, state.S, state.K0, state.K1, state.P0, state.P1, state.P3),
-            tuning=vars(self._tuning),
+        self.tuning: Mapping[str, Numbers] = vars(self._tuning)
+        self._state = batch.AoiBatchState(len(configs), self.dtype)
+        self._dt_ms = np.zeros(len(configs))
+
+    @property
+    def init(self) -> Flags:
+        """Which axes have started."""
+        return self._state.init
+
+    @property
+    def estimates(self) -> Mapping[str, Numbers]:
+        """Leaf → the state's own array."""
+        state = self._state
+        return {
+            "Position": state.y,
+            "Velocity": state.y_dot,
+            "Innovation": state.y_res,
+            "S": state.S,
+            "K0": state.K0,
+            "K1": state.K1,
+            "P00": state.P0,
+            "P01": state.P1,
+            "P11": state.P3,
+        }
+
+    def step(self, given: Given) -> NDArray[np.uint8]:
+        """One scan; the AOI takes its time step in milliseconds."""
+        np.multiply(given.dt, 1000.0, out=self._dt_ms)
+        return batch.step(
+            self._state, self._tuning, EnableIn=given.enable, x=given.z, dt=self._dt_ms, rows=given.rows
         )
-        self._dt_ms = np.zeros(len(places))
 
-    @np.errstate(all="ignore")
-    def step(self, scan: Scan, inputs: Image, outputs: Image) -> None:
-        """Advance every axis by one scan: latched `inputs` in, the axes' blocks of `outputs` out."""
-        group, state = self._group, self._state
-        group.begin(scan, inputs, state.init)
-        np.multiply(group.time.dt, 1000.0, out=self._dt_ms)  # the AOI takes milliseconds
-        results = batch.step(
-            state,
-            self._tuning,
-            EnableIn=group.enable.state,
-            x=group.samples.z,
-            dt=self._dt_ms,
-            rows=group.time.rows,
-        )
-        finite = state.finite()
-        if not finite.all():
-            state.clear(~finite)  # they start again with the next usable sample
-        group.finish(scan, outputs, results, finite)
+    def finite(self) -> Flags:
+        """Axes without NaN and infinity in the state."""
+        return self._state.finite()
 
-    def command(self, index: int, value: float) -> bool:
-        """Take a written value for the tag at this index of `outputs`; False when it is none of the writable ones."""
-        return self._group.enable.command(index, value)
+    def clear(self, rows: Flags) -> None:
+        """Forget everything about these axes."""
+        self._state.clear(rows)
 
-    def park(self, outputs: Image) -> None:
-        """Mark the estimates of every axis Bad: this observer failed and runs no more."""
-        self._group.park(outputs)
+    def predict(self, dt: NDArray[np.float64]) -> tuple[Numbers, Numbers]:
+        """Equations (2) and (3)."""
+        return self._state.y + self._state.y_dot * dt, self._state.y_dot

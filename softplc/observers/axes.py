@@ -1,11 +1,12 @@
-"""What every observer shares: the axis as configured, its standard tags, and its place in the images."""
+"""What every observer shares: the axis as configured, its tags, and its place in the images."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal, Protocol
 
-from softplc.tags import Block, DataType, Role, Tag
-from softplc.units import per_second, squared
+from softplc.interfaces import Observer
+from softplc.observers.leaves import LEAVES
+from softplc.tags import Block, Role, Tag
 
 DtSource = Literal["scan", "source", "arrival"]
 OnRepeat = Literal["update", "predict"]
@@ -33,47 +34,67 @@ class AxisSpec:
 
 @dataclass(frozen=True, slots=True)
 class AxisPlace:
-    """Where an axis reads and writes: `measurement` and `enable` index the inputs, `block` lies in the outputs."""
+    """Where an axis reads and writes: its inputs index the inputs' image, `block` lies in the outputs."""
 
     spec: AxisSpec
     measurement: int
     enable: int | None
     block: Block
+    contact: int | None = None
 
 
-def axis_tags(spec: AxisSpec, tuning: Sequence[Tag]) -> tuple[Tag, ...]:
-    """The published tags of one axis, in order: the standard ones, then the observer's tuning tags."""
-    unit, speed = spec.unit, per_second(spec.unit)
+class ObserverModel(Protocol):
+    """What every observer's config model offers beside its own fields."""
 
-    def tag(
-        leaf: str,
-        unit: str,
-        description: str,
-        role: Role = Role.DIAGNOSTIC,
-        data_type: DataType = DataType.DOUBLE,
-        *,
-        writable: bool = False,
-        limits: tuple[float, float] | None = None,
-    ) -> Tag:
-        return Tag(f"{spec.name}.{leaf}", unit, description, role, data_type, limits, writable)
+    @property
+    def type(self) -> str:
+        """The word that the configuration chooses it by."""
+        ...
 
-    return (
-        tag("Position", unit, "Filtered position", Role.OUTPUT, limits=spec.range),
-        tag("Velocity", speed, "Filtered velocity", Role.OUTPUT),
-        tag("Raw", unit, "Position as read from the source", Role.INPUT, limits=spec.range),
-        tag("Innovation", unit, "Measurement minus predicted position, y"),
-        tag("S", squared(unit), "Innovation variance"),
-        tag("K0", "", "Kalman gain for the position"),
-        tag("K1", "1/s", "Kalman gain for the velocity"),
-        tag("P00", squared(unit), "Variance of the position estimate"),
-        tag("P01", f"{squared(unit)}/s", "Covariance of position and velocity estimates"),
-        tag("P11", squared(speed), "Variance of the velocity estimate"),
-        tag("NIS", "", "Normalised innovation squared, y²/S; its mean is 1 when the tuning is consistent"),
-        tag("Dt", "s", "Time step that the observer used in this scan"),
-        tag("Age", "s", "Time since the newest sample arrived"),
-        tag("Quality", "", "0 Bad, 1 Uncertain, 2 Good", data_type=DataType.UINT16),
-        tag("Reason", "", "Why the outputs are not Good; 0 when they are", data_type=DataType.UINT16),
-        tag("Enabled", "", "The observer runs", data_type=DataType.BOOLEAN),
-        tag("Enable", "", "Command: run the observer", Role.TUNING, DataType.BOOLEAN, writable=spec.enable_writable),
-        *tuning,
-    )
+    @property
+    def group_key(self) -> tuple[Any, ...]:
+        """Axes of one task whose configurations have the same type, key and leaves are stepped by one observer."""
+        ...
+
+    @property
+    def estimates(self) -> tuple[str, ...]:
+        """Leaves that the observer estimates beside Position and Velocity, in the order of their tags."""
+        ...
+
+    @property
+    def tuning(self) -> tuple[str, ...]:
+        """Leaves of the tuning, in the order of their tags."""
+        ...
+
+    @staticmethod
+    def build(places: Sequence[AxisPlace], configs: Sequence[Any]) -> Observer:
+        """One observer that steps all these axes; `configs` has one entry for each place."""
+        ...
+
+
+def leaves_of(observer: ObserverModel) -> tuple[str, ...]:
+    """The leaves of an axis' tags in their order: outputs, input, estimates, state, commands, tuning."""
+    state = ("Dt", "Age", "Quality", "Reason", "Enabled", "Enable")
+    return ("Position", "Velocity", "Raw", *observer.estimates, *state, *observer.tuning)
+
+
+def axis_tags(spec: AxisSpec, observer: ObserverModel) -> tuple[Tag, ...]:
+    """The published tags of one axis, in order."""
+    return tuple(_tag(spec, leaf, observer) for leaf in leaves_of(observer))
+
+
+def _tag(spec: AxisSpec, name: str, observer: ObserverModel) -> Tag:
+    leaf = LEAVES[name]
+    role, limits, writable = Role.DIAGNOSTIC, None, False
+    if name in ("Position", "Velocity"):
+        role = Role.OUTPUT
+    elif name == "Raw":
+        role = Role.INPUT
+    elif name == "Enable":
+        role, writable = Role.TUNING, spec.enable_writable
+    elif name in observer.tuning:
+        role = Role.TUNING
+    if name in ("Position", "Raw"):
+        limits = spec.range
+    unit = leaf.unit_of(spec.unit)
+    return Tag(f"{spec.name}.{name}", unit, leaf.description, role, leaf.data_type, limits, writable)

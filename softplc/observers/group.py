@@ -1,7 +1,7 @@
 """What surrounds the kernel in every observer: samples in, verdicts, time steps, standard tags out."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -10,9 +10,11 @@ from softplc.kernel.result import Result
 from softplc.observers.axes import AxisPlace
 from softplc.observers.enable import Enable
 from softplc.observers.judgement import Judgement
+from softplc.observers.kernel import Given, Kernel
+from softplc.observers.leaves import STATE
 from softplc.observers.timestep import TimeStep
 from softplc.sample import Reason, StatusCode, quality
-from softplc.tags import Image
+from softplc.tags import Block, Image, Role
 from softplc.timing import Scan
 
 _OUTCOME: Final = {
@@ -25,51 +27,44 @@ _OUTCOME: Final = {
     Result.WARMING_UP: (StatusCode.UNCERTAIN_INITIAL_VALUE, Reason.INITIALISING),
 }
 
-KERNEL_TAGS: Final = ("Position", "Velocity", "Innovation", "S", "K0", "K1", "P00", "P01", "P11")
-"""The tags that a kernel's arrays fill, in this order."""
-_ESTIMATES: Final = (*KERNEL_TAGS, "NIS", "Dt")
-
 
 class AxisGroup:
-    """All axes of one observer type and precision in one task. Arrays[axes]; one call of `begin` and `finish` a scan.
+    """All axes that one kernel steps, in one task. Arrays[axes]; one call of `begin` and `finish` a scan.
 
-    Between the two the observer steps its kernel with `samples.z`, `time.dt`, `enable.state` on `time.rows`.
-    `kernel` gives the kernel's own arrays for KERNEL_TAGS, `tuning` a constant[axes] for each tuning tag's last name
-    part. Raises ValueError when the axes' blocks differ in their tags.
+    Between the two the observer steps the kernel with `given`. Raises ValueError when the axes' blocks differ in
+    their tags.
     """
 
-    def __init__(
-        self,
-        places: Sequence[AxisPlace],
-        dtype: DTypeLike,
-        kernel: Sequence[NDArray[Any]],
-        tuning: Mapping[str, NDArray[Any]],
-    ) -> None:
+    def __init__(self, places: Sequence[AxisPlace], dtype: DTypeLike, kernel: Kernel) -> None:
         self.samples = Judgement(places, dtype)
         self.enable = Enable(places)
         self.time = TimeStep(places)
-        self._kernel = tuple(kernel)
+        self._kernel = kernel
         self._tags = _Tags(places)
         n = len(places)
+        self._contacts = [(row, place.contact) for row, place in enumerate(places) if place.contact is not None]
+        self.given = Given(self.enable.state, self.samples.z, self.time.dt, self.time.rows, np.full(n, np.nan))
         self._has_values = np.zeros(n, np.bool_)
         self._arrivals = np.full(n, np.nan)  # newest ever
         self._started = np.nan
-        for leaf, values in tuning.items():
+        for leaf, values in kernel.tuning.items():
             self._tags.row(leaf)[:] = values
 
-    def begin(self, scan: Scan, inputs: Image, init: NDArray[np.bool_]) -> None:
-        """Judge the samples and decide the time steps; clears `init` where the kernel has to start again."""
+    def begin(self, scan: Scan, inputs: Image) -> None:
+        """Judge the samples and decide the time steps; makes the kernel start anew where it has to."""
         self.enable.read(inputs)
         self.samples.judge(inputs, self._has_values)
-        self.time.advance(scan, self.samples, self.enable.state, init)
+        self.time.advance(scan, self.samples, self.enable.state, self._kernel.init)
+        for row, index in self._contacts:
+            self.given.contact[row] = inputs.values[index]  # NaN while it is Bad
 
     def finish(self, scan: Scan, outputs: Image, results: NDArray[np.uint8], finite: NDArray[np.bool_]) -> None:
         """Write the standard tags of what the kernel did; `finite` tells where its state is a number."""
         samples, time, tags = self.samples, self.time, self._tags
         usual = time.rows.all() and finite.all()
         if usual:
-            for row, values in zip(tags.kernel, self._kernel, strict=True):
-                row[:] = values
+            for leaf, values in self._kernel.estimates.items():
+                tags.row(leaf)[:] = values
             np.copyto(tags.row("Dt"), time.dt)
             self._has_values.fill(True)
         else:
@@ -77,10 +72,11 @@ class AxisGroup:
         if not usual or results.any():
             self._explain(results, finite)
 
-        innovation, S, nis = tags.row("Innovation"), tags.row("S"), tags.row("NIS")
-        np.multiply(innovation, innovation, out=nis)
-        np.divide(nis, S, out=nis, where=S > 0.0)
-        np.copyto(nis, 0.0, where=~(S > 0.0))
+        if "NIS" in tags:
+            innovation, S, nis = tags.row("Innovation"), tags.row("S"), tags.row("NIS")
+            np.multiply(innovation, innovation, out=nis)
+            np.divide(nis, S, out=nis, where=S > 0.0)
+            np.copyto(nis, 0.0, where=~(S > 0.0))
 
         tags.row("Raw")[:] = samples.raw
         tags.row("Age")[:] = self._age(scan)
@@ -97,14 +93,14 @@ class AxisGroup:
         """Take over the rows that stepped, predict those that did not, hold the others as they were."""
         tags, time = self._tags, self.time
         taken = time.rows & finite
-        for row, values in zip(tags.kernel, self._kernel, strict=True):
-            np.copyto(row, values, where=taken)
+        for leaf, values in self._kernel.estimates.items():
+            np.copyto(tags.row(leaf), values, where=taken)
         np.copyto(tags.row("Dt"), time.dt, where=taken | time.predict)
         self._has_values |= taken
         if time.predict.any():
-            x, v = self._kernel[0], self._kernel[1]
-            np.copyto(tags.row("Position"), x + v * time.dt, where=time.predict)
-            np.copyto(tags.row("Velocity"), v, where=time.predict)
+            position, velocity = self._kernel.predict(time.dt)
+            np.copyto(tags.row("Position"), position, where=time.predict)
+            np.copyto(tags.row("Velocity"), velocity, where=time.predict)
 
     def _explain(self, results: NDArray[np.uint8], finite: NDArray[np.bool_]) -> None:
         """Status and reason of what the kernel did; they go before what an Uncertain input says."""
@@ -115,8 +111,9 @@ class AxisGroup:
             samples.reason[where] = reason
         predicted = self.time.predict & (samples.reason == Reason.NONE)
         samples.reason[predicted] = Reason.PREDICTED
-        stuck = predicted & ~(self._tags.row("S") > 0.0)  # the state that is carried on stems from a skipped update
-        samples.status[stuck], samples.reason[stuck] = _OUTCOME[Result.S_NOT_POSITIVE]
+        if "S" in self._tags:  # what is carried on may stem from a skipped update
+            stuck = predicted & ~(self._tags.row("S") > 0.0)
+            samples.status[stuck], samples.reason[stuck] = _OUTCOME[Result.S_NOT_POSITIVE]
 
         lost = self.time.rows & ~finite
         if lost.any():
@@ -141,15 +138,17 @@ class _Tags:
 
     def __init__(self, places: Sequence[AxisPlace]) -> None:
         blocks = [place.block for place in places]
-        leaves = [tag.name.rpartition(".")[2] for tag in blocks[0].tags]
+        leaves = _leaves(blocks[0])
         for block in blocks:
-            if [tag.name.rpartition(".")[2] for tag in block.tags] != leaves:
+            if _leaves(block) != leaves:
                 raise ValueError(
                     f"axes of one observer must have the same tags: {blocks[0].name} and {block.name} differ"
                 )
         shape = (len(leaves), len(blocks))
         self._rows = {leaf: row for row, leaf in enumerate(leaves)}
-        self._estimates = np.array([self._rows[leaf] for leaf in _ESTIMATES], np.intp)
+        tuning = {leaf for tag, leaf in zip(blocks[0].tags, leaves, strict=True) if tag.role is Role.TUNING}
+        others = {"Raw", *STATE, *tuning}
+        self._estimates = np.array([row for leaf, row in self._rows.items() if leaf not in others], np.intp)
         starts = np.array([block.start for block in blocks], np.intp)
         self._index = starts[np.newaxis, :] + np.arange(len(leaves))[:, np.newaxis]
         adjacent = bool((np.diff(starts) == len(leaves)).all())
@@ -159,7 +158,9 @@ class _Tags:
         self._stamps = np.zeros(shape, np.int64)
         self._enable = np.zeros(len(blocks), np.bool_)
         self._first = True
-        self.kernel = tuple(self.row(leaf) for leaf in KERNEL_TAGS)
+
+    def __contains__(self, leaf: str) -> bool:
+        return leaf in self._rows
 
     def row(self, leaf: str) -> NDArray[np.float64]:
         """The values of one tag of every axis; they stay until they are overwritten."""
@@ -209,3 +210,7 @@ class _Tags:
         for leaf, value in (("Quality", 0), ("Reason", Reason.INTERNAL_ERROR), ("Enabled", 0)):
             outputs.values[self._index[self._rows[leaf]]] = value
             outputs.statuses[self._index[self._rows[leaf]]] = StatusCode.GOOD
+
+
+def _leaves(block: Block) -> list[str]:
+    return [tag.name.rpartition(".")[2] for tag in block.tags]

@@ -11,7 +11,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "tags.md").read_text(encoding="utf-
 
 def test_every_published_tag_stands_on_the_page_of_tags():
     spec = AxisSpec("X")
-    tags = [*axis_tags(spec, AoiConfig(type="aoi", r_x=1.0).tuning_tags(spec)), *task_tags("T"), *source_tags("S")]
+    tags = [*axis_tags(spec, AoiConfig(type="aoi", r_x=1.0)), *task_tags("T"), *source_tags("S")]
     named = set(re.findall(r"`([A-Za-z0-9_]+)`", PAGE))
     assert {tag.name.rpartition(".")[2] for tag in tags} <= named
 

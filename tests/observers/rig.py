@@ -6,20 +6,20 @@ import numpy as np
 
 from softplc.interfaces import Observer
 from softplc.observers.aoi import AoiConfig
-from softplc.observers.axes import AxisPlace, AxisSpec, axis_tags
+from softplc.observers.axes import AxisPlace, AxisSpec, ObserverModel, axis_tags
+from softplc.observers.leaves import STATE
 from softplc.sample import Reason, Sample, StatusCode
-from softplc.tags import Image, Tag, TagTable
+from softplc.tags import Image, Role, Tag, TagTable
 from softplc.timing import Scan
 
 CONFIG = AoiConfig(type="aoi", q_x=0.01, q_x_dot=0.1, r_x=4 / 3)
 UTC = 1_700_000_000_000_000_000
 ESTIMATES = ("Position", "Velocity", "Innovation", "S", "K0", "K1", "P00", "P01", "P11", "NIS", "Dt")
-ALWAYS_GOOD = ("Age", "Quality", "Reason", "Enabled", "Enable", "q_x", "q_x_dot", "r_x", "BleedEnable")
 
 
 @dataclass
 class Rig:
-    """Axes A0, A1, … with inputs 0, 1, …; `now` runs on by each scan's dt. An enable tag is the last input."""
+    """Axes A0, A1, … with inputs 0, 1, …; `now` runs on by each scan's dt. Then enable and contact tag, if any."""
 
     table: TagTable
     inputs: Image
@@ -84,33 +84,41 @@ class Rig:
 
     def outcome(self, axis: int = 0) -> tuple[StatusCode, Reason]:
         """Status of the estimates and the reason; checks that they all carry that status and that NaN means Bad."""
-        statuses = {self.status(leaf, axis) for leaf in ESTIMATES}
+        tags = next(block for block in self.table.blocks if block.name == f"A{axis}").tags
+        leaves = {tag.name.rpartition(".")[2]: tag for tag in tags}
+        good = {leaf for leaf, tag in leaves.items() if leaf in STATE or tag.role is Role.TUNING}
+        statuses = {self.status(leaf, axis) for leaf in leaves.keys() - good - {"Raw"}}
         assert len(statuses) == 1
         status = statuses.pop()
-        for leaf in (*ESTIMATES, "Raw"):
+        for leaf in leaves.keys() - good:
             assert np.isnan(self.get(leaf, axis)) == (self.status(leaf, axis) >= StatusCode.BAD), leaf
-        for leaf in ALWAYS_GOOD:
+        for leaf in good:
             assert (self.status(leaf, axis), np.isnan(self.get(leaf, axis))) == (StatusCode.GOOD, False), leaf
         assert self.get("Quality", axis) == max(2 - (status >> 30), 0)
         return StatusCode(status), Reason(int(self.get("Reason", axis)))
 
 
 def make_rig(
-    *axes: AxisSpec | tuple[AxisSpec, AoiConfig],
+    *axes: AxisSpec | tuple[AxisSpec, ObserverModel],
     period: float = 0.05,
     enable_tag: bool = False,
+    contact_tag: bool = False,
     scattered: bool = False,
 ) -> Rig:
-    """A rig for these axes (one plain axis when none is given); `scattered` puts other tags between their blocks."""
+    """A rig for these axes (one plain axis when none is given), all with observers of the same type.
+
+    `scattered` puts other tags between their blocks.
+    """
     pairs = [axis if isinstance(axis, tuple) else (axis, CONFIG) for axis in axes or (AxisSpec("A0"),)]
     table = TagTable()
     table.add_block("main", "task", [Tag("Tasks.main.Heartbeat")])
     places = []
     for row, (spec, config) in enumerate(pairs):
-        block = table.add_block(spec.name, "axis", axis_tags(spec, config.tuning_tags(spec)))
-        places.append(AxisPlace(spec, row, len(pairs) if enable_tag else None, block))
+        block = table.add_block(spec.name, "axis", axis_tags(spec, config))
+        enable, contact = len(pairs) if enable_tag else None, len(pairs) + enable_tag if contact_tag else None
+        places.append(AxisPlace(spec, row, enable, block, contact))
         if scattered:
             table.add_block(f"between{row}", "axis", [Tag(f"between{row}.x"), Tag(f"between{row}.y")])
     table.close_section("main")
-    observer = AoiConfig.build(places, [config for _, config in pairs])
-    return Rig(table, Image(len(pairs) + enable_tag), Image(len(table)), observer, period)
+    observer = pairs[0][1].build(places, [config for _, config in pairs])
+    return Rig(table, Image(len(pairs) + enable_tag + contact_tag), Image(len(table)), observer, period)

@@ -89,7 +89,7 @@ def test_only_the_axes_own_blocks_are_written(scattered: bool):
 def test_axes_read_the_inputs_they_are_bound_to_in_any_order():
     table = TagTable()
     specs = [AxisSpec(f"A{i}") for i in range(3)]
-    blocks = [table.add_block(spec.name, "axis", axis_tags(spec, CONFIG.tuning_tags(spec))) for spec in specs]
+    blocks = [table.add_block(spec.name, "axis", axis_tags(spec, CONFIG)) for spec in specs]
     places = [AxisPlace(specs[i], measurement, None, blocks[i]) for i, measurement in ((2, 1), (0, 3), (1, 1))]
     rig = Rig(table, Image(4), Image(len(table)), AoiConfig.build(places, [CONFIG] * 3), 0.05)
 
@@ -114,9 +114,10 @@ def test_configurations_of_one_observer_share_their_group_key():
 def test_blocks_of_one_observer_have_the_same_tags():
     table, spec = TagTable(), AxisSpec("A0")
     other = AxisSpec("A1")
+    few = axis_tags(other, CONFIG)[:-3]
     places = [
-        AxisPlace(spec, 0, None, table.add_block("A0", "axis", axis_tags(spec, CONFIG.tuning_tags(spec)))),
-        AxisPlace(other, 1, None, table.add_block("A1", "axis", axis_tags(other, ()))),
+        AxisPlace(spec, 0, None, table.add_block("A0", "axis", axis_tags(spec, CONFIG))),
+        AxisPlace(other, 1, None, table.add_block("A1", "axis", few)),
     ]
     with pytest.raises(ValueError, match="A0 and A1 differ"):
         AoiConfig.build(places, [CONFIG, CONFIG])

@@ -30,7 +30,7 @@ def full_table() -> TagTable:
     table.add_block("main", "task", task_tags("main"))
     table.add_block("plc1", "source", source_tags("plc1"))
     for spec in AXES:
-        table.add_block(spec.name, "axis", axis_tags(spec, OBSERVER.tuning_tags(spec)))
+        table.add_block(spec.name, "axis", axis_tags(spec, OBSERVER))
     table.close_section("main")
     return table
 
@@ -46,7 +46,7 @@ def plant(tasks: int = 1, sources: int = 1, axes: int = 2) -> TagTable:
                 table.add_block(f"plc{source}", "source", source_tags(f"plc{source}"))
             for axis in range(axes):
                 spec = AxisSpec(f"Axis{axis}")
-                table.add_block(spec.name, "axis", axis_tags(spec, observer.tuning_tags(spec)))
+                table.add_block(spec.name, "axis", axis_tags(spec, observer))
         table.close_section(f"task{task}")
     return table
 

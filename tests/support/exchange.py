@@ -38,7 +38,7 @@ def make_table() -> TagTable:
         ],
     )
     for spec in AXES:
-        table.add_block(spec.name, "axis", axis_tags(spec, OBSERVER.tuning_tags(spec)))
+        table.add_block(spec.name, "axis", axis_tags(spec, OBSERVER))
     table.close_section("main")
     return table
 

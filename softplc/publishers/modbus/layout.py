@@ -81,6 +81,7 @@ def _section(table: TagTable, block: Block, frame: Frame, start: int) -> Section
     rows = [
         _row(start + offset, tag, block.start + number)
         for number, (tag, offset) in enumerate(zip(block.tags, offsets, strict=True))
+        if offset is not None
     ]
     leaves = {_leaf(tag): block.start + number for number, tag in enumerate(block.tags)}
     prefix = block.tags[0].name.rpartition(".")[0]
@@ -98,15 +99,17 @@ def _section(table: TagTable, block: Block, frame: Frame, start: int) -> Section
     return Section(prefix, start, start + frame.area.stride - 1, tuple(rows))
 
 
-def _offsets(block: Block, frame: Frame) -> list[int]:
-    """The offset of each tag of a block: fixed by its leaf, else the next free one."""
+def _offsets(block: Block, frame: Frame) -> list[int | None]:
+    """The offset of each tag of a block: fixed by its leaf, else the next free one; None for one without register."""
     front, back = frame.free.start, frame.free.stop
-    offsets = []
+    offsets: list[int | None] = []
     for tag in block.tags:
         fixed = frame.offsets.get(_leaf(tag))
         width = TYPE_OF[tag.data_type].registers
         if fixed is not None:
             offsets.append(fixed)
+        elif _leaf(tag) in frame.absent:
+            offsets.append(None)
         elif width == 1:
             back -= 1
             offsets.append(back)

@@ -1,6 +1,8 @@
 """The fixed offsets within the blocks of a task, a source and an axis, by the last part of the tag's name.
 
-A tag that is added later takes an offset that was free; no offset that was ever given moves.
+A tag that is added later takes an offset that was free; no offset that was ever given moves. Leaves that never meet
+on one axis, as the tuning of different observers, may share an offset. What a PLC or a panel does not need, and what
+would not fit, has no register: it is on the OPC-UA server alone.
 """
 
 from collections.abc import Mapping
@@ -26,12 +28,16 @@ class Derived:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """The fixed offsets of one kind of block, its derived registers, and the offsets that are free for other tags."""
+    """The fixed offsets of one kind of block, its derived registers, and the offsets that are free for other tags.
+
+    `absent`: leaves without a register.
+    """
 
     area: Area
     offsets: Mapping[str, int]
     derived: tuple[Derived, ...]
     free: range
+    absent: frozenset[str] = frozenset()
 
 
 _U16, _U32 = RegisterType.UINT16, RegisterType.UINT32

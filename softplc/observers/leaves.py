@@ -1,0 +1,84 @@
+"""The catalogue of an axis' tags: what each last name part means, in which unit, on every observer that has it.
+
+An observer names the leaves that it fills; the same name means the same thing everywhere. Units are written for an
+axis of unit u: "u/s" is mm/s where the axis is in mm.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from softplc.tags import DataType
+from softplc.units import per_second, squared
+
+
+@dataclass(frozen=True, slots=True)
+class Leaf:
+    """One tag that an axis may have. `limits` are those of a value written to a tuning tag, both allowed."""
+
+    name: str
+    unit: str
+    description: str
+    data_type: DataType = DataType.DOUBLE
+    limits: tuple[float, float] | None = None
+
+    def unit_of(self, axis_unit: str) -> str:
+        """The unit's symbol for an axis in this unit. Raises KeyError for a pattern that is not known."""
+        return _UNITS[self.unit](axis_unit)
+
+
+_UNITS: Final[Mapping[str, Callable[[str], str]]] = {
+    "": lambda _: "",
+    "s": lambda _: "s",
+    "1/s": lambda _: "1/s",
+    "1/s2": lambda _: "1/s2",
+    "Hz": lambda _: "Hz",
+    "u": lambda u: u,
+    "u2": squared,
+    "u/s": per_second,
+    "u/s2": lambda u: f"{u}/s2" if u else "1/s2",
+    "u2/s": lambda u: f"{squared(u)}/s",
+    "u2/s2": lambda u: f"{squared(u)}/s2",
+    "u2/s3": lambda u: f"{squared(u)}/s3",
+    "(u/s)2": lambda u: squared(per_second(u)),
+    "(u/s2)2": lambda u: f"({u}/s2)2" if u else "1/s4",
+}
+
+_OUTPUTS: Final = (
+    Leaf("Position", "u", "Filtered position"),
+    Leaf("Velocity", "u/s", "Filtered velocity"),
+)
+_INPUTS: Final = (Leaf("Raw", "u", "Position as read from the source"),)
+_ESTIMATES: Final = (
+    Leaf("Innovation", "u", "Measurement minus predicted position, y"),
+    Leaf("S", "u2", "Innovation variance"),
+    Leaf("K0", "", "Kalman gain for the position"),
+    Leaf("K1", "1/s", "Kalman gain for the velocity"),
+    Leaf("P00", "u2", "Variance of the position estimate"),
+    Leaf("P01", "u2/s", "Covariance of position and velocity estimates"),
+    Leaf("P11", "(u/s)2", "Variance of the velocity estimate"),
+    Leaf("NIS", "", "Normalised innovation squared, y²/S; its mean is 1 when the tuning is consistent"),
+    Leaf("Dt", "s", "Time step that the observer used in this scan"),
+)
+_STATE: Final = (
+    Leaf("Age", "s", "Time since the newest sample arrived"),
+    Leaf("Quality", "", "0 Bad, 1 Uncertain, 2 Good", DataType.UINT16),
+    Leaf("Reason", "", "Why the outputs are not Good; 0 when they are", DataType.UINT16),
+    Leaf("Enabled", "", "The observer runs", DataType.BOOLEAN),
+)
+_COMMANDS: Final = (Leaf("Enable", "", "Command: run the observer", DataType.BOOLEAN),)
+_TUNING: Final = (
+    Leaf("q_x", "u2", "Process noise of the position, per scan"),
+    Leaf("q_x_dot", "(u/s)2", "Process noise of the velocity, per scan"),
+    Leaf("r_x", "u2", "Measurement noise, per sample"),
+    Leaf("BleedEnable", "", "Velocity damping near rest", DataType.BOOLEAN),
+    Leaf("BleedThresh", "u", "Deviation below which the velocity bleeds"),
+    Leaf("BleedFactor", "", "What the velocity is multiplied by in each such scan"),
+)
+
+LEAVES: Final = {leaf.name: leaf for leaf in (*_OUTPUTS, *_INPUTS, *_ESTIMATES, *_STATE, *_COMMANDS, *_TUNING)}
+"""Every leaf by its name."""
+STATE: Final = tuple(leaf.name for leaf in (*_STATE, *_COMMANDS))
+"""Leaves that are always Good: they say how the axis is, not what it estimates."""
+ESTIMATES: Final = tuple(leaf.name for leaf in (*_OUTPUTS, *_ESTIMATES))
+"""Leaves that carry the status of the estimate, on some observer or other; a write-back may take any of them."""
