@@ -37,9 +37,12 @@ _UNITS: Final[Mapping[str, Callable[[str], str]]] = {
     "u2": squared,
     "u/s": per_second,
     "u/s2": lambda u: f"{u}/s2" if u else "1/s2",
-    "u2/s": lambda u: f"{squared(u)}/s",
-    "u2/s2": lambda u: f"{squared(u)}/s2",
-    "u2/s3": lambda u: f"{squared(u)}/s3",
+    "u2/s": lambda u: f"{squared(u) or 1}/s",
+    "u2/s2": lambda u: f"{squared(u) or 1}/s2",
+    "u2/s3": lambda u: f"{squared(u) or 1}/s3",
+    "u2/s4": lambda u: f"{squared(u) or 1}/s4",
+    "u2/s5": lambda u: f"{squared(u) or 1}/s5",
+    "u2.s": lambda u: f"{squared(u)}.s" if u else "s",
     "(u/s)2": lambda u: squared(per_second(u)),
     "(u/s2)2": lambda u: f"({u}/s2)2" if u else "1/s4",
 }
@@ -62,6 +65,8 @@ _ESTIMATES: Final = (
 )
 _STATE: Final = (
     Leaf("Age", "s", "Time since the newest sample arrived"),
+    Leaf("Skipped", "", "Scans without a usable sample or time step while enabled", DataType.UINT32),
+    Leaf("Rejected", "", "Samples that the innovation gate rejected", DataType.UINT32),
     Leaf("Quality", "", "0 Bad, 1 Uncertain, 2 Good", DataType.UINT16),
     Leaf("Reason", "", "Why the outputs are not Good; 0 when they are", DataType.UINT16),
     Leaf("Enabled", "", "The observer runs", DataType.BOOLEAN),
@@ -71,9 +76,14 @@ _TUNING: Final = (
     Leaf("q_x", "u2", "Process noise of the position, per scan"),
     Leaf("q_x_dot", "(u/s)2", "Process noise of the velocity, per scan"),
     Leaf("r_x", "u2", "Measurement noise, per sample"),
+    Leaf("min_r", "u2", "Least measurement noise that is used, per sample"),
+    Leaf("GateSigma", "", "Innovation beyond so many times √S is rejected"),
+    Leaf("GateMost", "", "So many rejected samples in a row; the next one starts the observer anew", DataType.UINT16),
     Leaf("BleedEnable", "", "Velocity damping near rest", DataType.BOOLEAN),
     Leaf("BleedThresh", "u", "Deviation below which the velocity bleeds"),
     Leaf("BleedFactor", "", "What the velocity is multiplied by in each such scan"),
+    Leaf("BleedOn", "", "Deviation that the threshold is for: 0 after the correction, 1 innovation", DataType.UINT16),
+    Leaf("BleedVelocity", "u/s", "Speed below which the velocity may bleed"),
 )
 
 LEAVES: Final = {leaf.name: leaf for leaf in (*_OUTPUTS, *_INPUTS, *_ESTIMATES, *_STATE, *_COMMANDS, *_TUNING)}

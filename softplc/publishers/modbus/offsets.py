@@ -115,6 +115,7 @@ AXIS: Final = Frame(
         Derived(48, "Status", _U32, "", "OPC UA StatusCode of the position", Origin.STATUS, "Position"),
     ),
     range(50, 64),
+    frozenset({"Skipped", "Rejected", "min_r", "GateSigma", "GateMost", "BleedOn", "BleedVelocity"}),
 )
 FRAMES: Final = {"task": TASK, "source": SOURCE, "axis": AXIS}
 """Kind of block (`softplc.tags.Block.kind`) → its frame, in order of address."""
