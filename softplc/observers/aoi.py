@@ -13,7 +13,7 @@ from softplc.kernel.batch import aoi as batch
 from softplc.kernel.batch.aoi_options import AoiBatchOptions
 from softplc.kernel.reference.aoi_options import AoiOptions
 from softplc.model import Model
-from softplc.observers.aoi_options import Bleed, Bounds, GainLimits, Gate
+from softplc.observers.aoi_options import Bleed, Bounds, GainLimits, Gate, Positive
 from softplc.observers.axes import AxisPlace
 from softplc.observers.kernel import Flags, Given, Numbers
 from softplc.observers.leaves import LEAVES, Leaf
@@ -49,7 +49,7 @@ class AoiConfig(Model):
     """Powers of Δt for q_x and for q_x_dot in place of q_mode: [1, 1] is dt, [2, 1] takes q_x by Δt²."""
     r_mode: Literal["per_sample", "density"] = "per_sample"
     """Measurement noise: r_x per sample, or r_x/Δt (r_x in unit²·s), which does not hang on the period."""
-    min_r: Annotated[float, Field(gt=0, json_schema_extra={"x-unit": "unit²"})] | None = None
+    min_r: Annotated[Positive | None, Field(json_schema_extra={"x-unit": "unit²"})] = None
     """Least measurement noise that is used, per sample, whatever r_x says. Bigger smooths at least so much."""
     joseph: bool = False
     """Correct the covariance in the Joseph form, which rounding and gains that are not optimal do not spoil."""

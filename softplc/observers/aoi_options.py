@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from softplc.model import Model
 
 Bounds = tuple[float, float]
+Positive = Annotated[float, Field(gt=0)]
 
 
 class Bleed(Model):
@@ -25,7 +26,7 @@ class Bleed(Model):
     """Which deviation the threshold is for: after the correction, as the AOI's text has it, or the innovation."""
     bleed_gate: Literal["residual", "velocity"] = "residual"
     """residual: wherever the deviation is small. velocity: only where |velocity| is below velocity_limit, too."""
-    velocity_limit: Annotated[float, Field(gt=0, json_schema_extra={"x-unit": "unit/s"})] | None = None
+    velocity_limit: Annotated[Positive | None, Field(json_schema_extra={"x-unit": "unit/s"})] = None
     """bleed_gate: velocity: the speed below which the velocity may bleed, unit/s. Bigger bleeds more often."""
 
     @model_validator(mode="after")
