@@ -84,6 +84,8 @@ _TUNING: Final = (
     Leaf("BleedFactor", "", "What the velocity is multiplied by in each such scan"),
     Leaf("BleedOn", "", "Deviation that the threshold is for: 0 after the correction, 1 innovation", DataType.UINT16),
     Leaf("BleedVelocity", "u/s", "Speed below which the velocity may bleed"),
+    Leaf("Q", "(u/s)2", "Process noise of the velocity, per scan"),
+    Leaf("R", "u2", "Measurement noise, per sample"),
 )
 
 LEAVES: Final = {leaf.name: leaf for leaf in (*_OUTPUTS, *_INPUTS, *_ESTIMATES, *_STATE, *_COMMANDS, *_TUNING)}
