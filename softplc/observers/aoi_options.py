@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from softplc.model import Model
 
 Bounds = tuple[float, float]
+_UNLIMITED = (-math.inf, math.inf)
 Positive = Annotated[float, Field(gt=0)]
 
 
@@ -41,7 +42,7 @@ class Bleed(Model):
 class GainLimits(Model):
     """Bounds that the gains are held in after they are worked out; both of a pair belong to it."""
 
-    K0: tuple[Annotated[float, Field(ge=0, le=1)], Annotated[float, Field(ge=0, le=1)]] = (0.0, 1.0)
+    K0: tuple[Annotated[float, Field(ge=0, le=1)], Annotated[float, Field(ge=0, le=1)]] | None = None
     """Lowest and highest gain for the position, 0 to 1."""
     K1: tuple[Annotated[float, Field(ge=0)], Annotated[float, Field(ge=0)]] | None = None
     """Lowest and highest gain for the velocity, 1/s. Keep it below (4 − 2·K0)/Δt, where the observer swings up."""
@@ -55,7 +56,7 @@ class GainLimits(Model):
 
     def pairs(self) -> tuple[Bounds, Bounds]:
         """The bounds of K0 and of K1."""
-        return self.K0, self.K1 or (-math.inf, math.inf)
+        return self.K0 or _UNLIMITED, self.K1 or _UNLIMITED
 
 
 class Gate(Model):

@@ -61,6 +61,21 @@ def test_process_noise_by_the_period_and_measurement_noise_as_density_keep_the_t
     assert tau[7] == pytest.approx(0.527, rel=0.01)
 
 
+@pytest.mark.parametrize(
+    ("exponents", "expected"),
+    [
+        ((2, 1), [0.60, 0.59, 0.54, 0.49, 0.99]),
+        ((1, 2), [1.45, 0.71, 0.54, 0.46, 0.31]),
+        ((2, 2), [1.32, 0.85, 0.54, 0.43, 0.28]),
+    ],
+)
+def test_no_reading_of_dt_and_dt_squared_keeps_the_time_constant(exponents: tuple[int, int], expected: list[float]):
+    a, b = exponents
+    tau = time_constants(0.01 / T**a, 0.1 / T**b, R * T, AoiOptions(q_exponents=exponents, r_density=True))
+
+    assert tau[[0, 2, 4, 5, 7]] == pytest.approx(expected, abs=0.006)  # of the page of options, with two decimals
+
+
 def test_white_acceleration_and_measurement_noise_as_density_keep_the_time_constant_at_every_period():
     tau = time_constants(0.0, 0.1 / T, R * T, WHITE)
 
