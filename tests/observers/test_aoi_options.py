@@ -10,6 +10,7 @@ from softplc.kernel.reference.aoi_options import AoiOptionsState, aoi_options_lr
 from softplc.observers.aoi import OFF, AoiConfig
 from softplc.observers.axes import AxisSpec, axis_tags
 from softplc.sample import Reason, StatusCode
+from tests.kernel.settled import slowest_time_constant
 from tests.observers.rig import Rig, make_rig
 
 BLEED = {"threshold": 1.0, "factor": 0.9}
@@ -134,6 +135,34 @@ def test_a_rejected_sample_is_counted_and_marked_and_the_prediction_is_published
     rig.scan(100.5)
     assert rig.outcome() == (StatusCode.GOOD, Reason.NONE)
     assert (rig.get("Rejected"), rig.get("Position")) == (1, pytest.approx(100.5, abs=1e-5))
+
+
+def test_a_rejected_sample_that_is_repeated_is_not_good_for_it():
+    spec = {"on_repeat": "predict", "dt_source": "source"}
+    rig = rig_of(spec=spec, gate={"sigma": 5.0, "most_in_a_row": 2})
+    for k in range(200):
+        rig.scan(0.5 * k)
+    rig.scan(500.0)
+
+    rig.again()
+    assert rig.outcome() == (StatusCode.UNCERTAIN_SUB_NORMAL, Reason.INNOVATION_GATE)
+    assert rig.get("Position") == pytest.approx(100.5, abs=1e-5)
+    assert rig.get("Rejected") == 1
+
+    rig.scan(101.0)
+    rig.again()
+    assert rig.outcome() == (StatusCode.GOOD, Reason.PREDICTED)
+
+
+@pytest.mark.parametrize("period", [0.002, 0.01, 0.05, 0.1, 0.5])
+def test_one_configuration_has_the_same_time_constant_in_tasks_of_any_period(period: float):
+    """0.604 s: a fixed property of q_x_dot 2 u²/s³ and r_x 4/3·0.05 u²·s."""
+    config = configured(q_mode="white_accel", r_mode="density", q_x=0.0, q_x_dot=2.0, r_x=4 / 3 * 0.05)
+    rig = make_rig((AxisSpec("A0"), config), period=period)
+    for _ in range(max(round(4.0 / period), 30)):  # P settles twice as fast as x̂: e^-13 is left
+        rig.scan(0.0)
+
+    assert slowest_time_constant(rig.get("K0"), rig.get("K1"), period) == pytest.approx(0.604, rel=0.01)
 
 
 def test_a_jump_that_lasts_is_believed_after_the_permitted_rejections():
