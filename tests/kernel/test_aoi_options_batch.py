@@ -176,8 +176,8 @@ def test_a_row_that_is_not_to_be_stepped_keeps_every_number_of_its_options():
     tuning = tuning_of([scan, scan], "lreal")
     tuning.options = AoiBatchOptions(np.float64, [AoiOptions(gate=3.0, gate_most=1, reference="first_sample")] * 2)
 
-    def step(x: float, rows: list[bool], EnableIn: bool) -> None:
-        batch.step(
+    def step(x: float, rows: list[bool], EnableIn: bool) -> list[int]:
+        codes = batch.step(
             state,
             tuning,
             EnableIn=np.full(2, EnableIn),
@@ -185,15 +185,27 @@ def test_a_row_that_is_not_to_be_stepped_keeps_every_number_of_its_options():
             dt=np.full(2, 50.0),
             rows=np.array(rows),
         )
+        return codes.tolist()
 
     for x in (1.0, 1.1, 90.0):
         step(x, [True, True], True)
     before = [getattr(state, name)[1] for name in EXTRA]
     for x, EnableIn in ((90.0, True), (np.nan, True), (5.0, False)):
-        step(x, [True, False], EnableIn)
+        assert step(x, [True, False], EnableIn)[1] == Result.SKIPPED
 
     assert [getattr(state, name)[1] for name in EXTRA] == before
     assert before[-3:] == [1.0, 1, 1]
 
     state.clear(np.array([False, True]))
     assert [getattr(state, name)[1] for name in EXTRA] == [0.0] * len(EXTRA)
+
+
+def test_a_fixed_reference_reaches_a_row_with_its_first_step_and_not_before():
+    state, scan = batch.AoiBatchState(2), AoiInputs(True, 3.0, 50.0, 0.01, 0.1, 1.0)
+    tuning = tuning_of([scan, scan], "lreal")
+    tuning.options = AoiBatchOptions(np.float64, [AoiOptions(reference=7.0)] * 2)
+    every = np.full(2, True)
+
+    batch.step(state, tuning, EnableIn=every, x=np.full(2, 9.0), dt=50 * np.ones(2), rows=np.array([True, False]))
+
+    assert (state.offset.tolist(), state.y.tolist()) == ([7.0, 0.0], [2.0, 0.0])
