@@ -156,6 +156,14 @@ class Axis(Model):
                 )
         return self
 
+    @model_validator(mode="after")
+    def _has_the_contact_that_it_needs(self) -> Self:
+        if self.contact is None and getattr(self.observer, "needs_contact", False):
+            raise ValueError(
+                "no contact, which the observer takes its impacts from, expected a tag or contact_from: position"
+            )
+        return self
+
 
 class RealTime(Model):
     """Options of the scan process that may need permission; one that is refused is a warning and nothing more."""

@@ -45,6 +45,7 @@ _UNITS: Final[Mapping[str, Callable[[str], str]]] = {
     "u2.s": lambda u: f"{squared(u)}.s" if u else "s",
     "(u/s)2": lambda u: squared(per_second(u)),
     "(u/s2)2": lambda u: f"({u}/s2)2" if u else "1/s4",
+    "1/u": lambda u: f"1/{u}" if u else "",
 }
 
 _OUTPUTS: Final = (
@@ -60,7 +61,15 @@ _ESTIMATES: Final = (
     Leaf("P00", "u2", "Variance of the position estimate"),
     Leaf("P01", "u2/s", "Covariance of position and velocity estimates"),
     Leaf("P11", "(u/s)2", "Variance of the velocity estimate"),
+    Leaf("Acceleration", "u/s2", "Estimated acceleration"),
+    Leaf("K2", "1/s2", "Kalman gain for the acceleration"),
+    Leaf("P02", "u2/s2", "Covariance of position and acceleration estimates"),
+    Leaf("P12", "u2/s3", "Covariance of velocity and acceleration estimates"),
+    Leaf("P22", "(u/s2)2", "Variance of the acceleration estimate"),
+    Leaf("Cutoff", "Hz", "Cutoff frequency of the low pass in this scan"),
     Leaf("NIS", "", "Normalised innovation squared, y²/S; its mean is 1 when the tuning is consistent"),
+    Leaf("Impacts", "", "Impacts at the stops since the start of the service", DataType.UINT32),
+    Leaf("Contact", "", "The axis touches its stop", DataType.BOOLEAN),
     Leaf("Dt", "s", "Time step that the observer used in this scan"),
 )
 _STATE: Final = (
@@ -84,8 +93,23 @@ _TUNING: Final = (
     Leaf("BleedFactor", "", "What the velocity is multiplied by in each such scan"),
     Leaf("BleedOn", "", "Deviation that the threshold is for: 0 after the correction, 1 innovation", DataType.UINT16),
     Leaf("BleedVelocity", "u/s", "Speed below which the velocity may bleed"),
+    Leaf("Band", "u", "Width of the activation band at a stop"),
+    Leaf("Restitution", "", "What an impact leaves of the speed, reversed", limits=(0.0, 10.0)),
+    Leaf("LowerStop", "u", "Position of the lower stop"),
+    Leaf("UpperStop", "u", "Position of the upper stop"),
     Leaf("Q", "(u/s)2", "Process noise of the velocity, per scan"),
     Leaf("R", "u2", "Measurement noise, per sample"),
+    Leaf("q_x_ddot", "(u/s2)2", "Process noise of the acceleration, per scan"),
+    Leaf("q_jerk", "u2/s5", "Spectral density of the white jerk"),
+    Leaf("window", "", "Samples that are averaged", DataType.UINT16, limits=(2.0, 1000.0)),
+    Leaf("cycle", "s", "Sampling period that the block believes in", limits=(1e-6, 3600.0)),
+    Leaf("alpha", "", "Gain for the position, α", limits=(1e-6, 1.0)),
+    Leaf("beta", "", "Gain for the velocity times Δt, β", limits=(1e-12, 4.0)),
+    Leaf("sigma_w", "u/s2", "Standard deviation of the acceleration", limits=(1e-6, 1e6)),
+    Leaf("sigma_v", "u", "Standard deviation of the measurement", limits=(1e-6, 1e6)),
+    Leaf("min_cutoff", "Hz", "Cutoff frequency at rest", limits=(1e-6, 1e6)),
+    Leaf("cutoff_slope", "1/u", "Rise of the cutoff with the speed, the paper's β", limits=(0.0, 1e9)),
+    Leaf("d_cutoff", "Hz", "Cutoff frequency of the velocity", limits=(1e-6, 1e6)),
 )
 
 LEAVES: Final = {leaf.name: leaf for leaf in (*_OUTPUTS, *_INPUTS, *_ESTIMATES, *_STATE, *_COMMANDS, *_TUNING)}

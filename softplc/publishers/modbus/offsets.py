@@ -98,7 +98,10 @@ AXIS: Final = Frame(
         "P11": 18,
         "NIS": 20,
         "Dt": 22,
-        "Age": 24,  # 26 and 27 are kept for an estimate to come
+        "Age": 24,
+        "Acceleration": 26,
+        "Cutoff": 26,
+        "Impacts": 26,
         "Rejected": 28,
         "Skipped": 30,
         "q_x": 32,
@@ -107,19 +110,36 @@ AXIS: Final = Frame(
         "Q": 34,
         "R": 36,
         "BleedThresh": 38,
+        "Band": 38,
         "BleedFactor": 40,
+        "q_x_ddot": 38,
+        "q_jerk": 32,
+        "window": 32,
+        "cycle": 32,
+        "alpha": 32,
+        "beta": 34,
+        "sigma_w": 32,
+        "sigma_v": 34,
+        "min_cutoff": 32,
+        "cutoff_slope": 34,
+        "d_cutoff": 36,
+        "Restitution": 40,
         "Quality": 42,
         "Reason": 43,
         "Enabled": 44,
         "Enable": 45,
         "BleedEnable": 46,
+        "Contact": 46,
     },
     (
         Derived(47, "AgeMs", _U16, "ms", "Age in whole ms; 65535 when longer or unknown", Origin.MILLISECONDS, "Age"),
         Derived(48, "Status", _U32, "", "OPC UA StatusCode of the position", Origin.STATUS, "Position"),
     ),
     range(50, 64),
-    frozenset({"min_r", "GateSigma", "GateMost", "BleedOn", "BleedVelocity"}),
+    frozenset(
+        {"K2", "P02", "P12", "P22", "LowerStop", "UpperStop"}
+        | {"min_r", "GateSigma", "GateMost", "BleedOn", "BleedVelocity"}
+    ),
 )
 FRAMES: Final = {"task": TASK, "source": SOURCE, "axis": AXIS}
 """Kind of block (`softplc.tags.Block.kind`) → its frame, in order of address."""
