@@ -45,6 +45,7 @@ class AxisGroup:
         self._contacts = [(row, place.contact) for row, place in enumerate(places) if place.contact is not None]
         self.given = Given(self.enable.state, self.samples.z, self.time.dt, self.time.rows, np.full(n, np.nan))
         self._has_values = np.zeros(n, np.bool_)
+        self._rejected = np.zeros(n, np.bool_)  # the last sample that was stepped
         self._arrivals = np.full(n, np.nan)  # newest ever
         self._started = np.nan
         for leaf, values in kernel.tuning.items():
@@ -71,6 +72,8 @@ class AxisGroup:
             self._take_some(finite)
         if not usual or results.any():
             self._explain(results, finite)
+        else:
+            self._rejected.fill(False)
 
         if "NIS" in tags:
             innovation, S, nis = tags.row("Innovation"), tags.row("S"), tags.row("NIS")
@@ -80,6 +83,7 @@ class AxisGroup:
 
         tags.row("Raw")[:] = samples.raw
         tags.row("Age")[:] = self._age(scan)
+        tags.row("Skipped")[:] = self.time.skipped
         tags.row("Quality")[:] = quality(samples.status)
         tags.row("Reason")[:] = samples.reason
         tags.row("Enabled")[:] = self.enable.state
@@ -114,6 +118,9 @@ class AxisGroup:
         if "S" in self._tags:  # what is carried on may stem from a skipped update
             stuck = predicted & ~(self._tags.row("S") > 0.0)
             samples.status[stuck], samples.reason[stuck] = _OUTCOME[Result.S_NOT_POSITIVE]
+        np.copyto(self._rejected, results == Result.REJECTED, where=self.time.rows)
+        again = predicted & self._rejected  # a rejected sample is no better for being repeated
+        samples.status[again], samples.reason[again] = _OUTCOME[Result.REJECTED]
 
         lost = self.time.rows & ~finite
         if lost.any():
@@ -149,6 +156,9 @@ class _Tags:
         tuning = {leaf for tag, leaf in zip(blocks[0].tags, leaves, strict=True) if tag.role is Role.TUNING}
         others = {"Raw", *STATE, *tuning}
         self._estimates = np.array([row for leaf, row in self._rows.items() if leaf not in others], np.intp)
+        self._state = np.array(
+            [row for leaf, row in self._rows.items() if leaf in STATE and leaf != "Enable"], np.intp
+        )
         starts = np.array([block.start for block in blocks], np.intp)
         self._index = starts[np.newaxis, :] + np.arange(len(leaves))[:, np.newaxis]
         adjacent = bool((np.diff(starts) == len(leaves)).all())
@@ -181,8 +191,7 @@ class _Tags:
         self._statuses[rows["Raw"]] = samples.raw_status
         self._stamps[self._estimates] = timestamps
         self._stamps[rows["Raw"]] = samples.timestamps
-        for leaf in ("Age", "Quality", "Reason", "Enabled"):
-            self._stamps[rows[leaf]] = scan.timestamp
+        self._stamps[self._state] = scan.timestamp
         if self._first:  # tuning and Enable carry the time since when they are as they are
             self._stamps[rows["Enable"] :] = scan.timestamp
             self._first = False

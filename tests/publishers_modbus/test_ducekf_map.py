@@ -19,8 +19,6 @@ def test_every_tag_has_its_fixed_place_and_none_shares_a_register():
 
     places = {
         "Impacts": 26,
-        "LowerStop": 28,
-        "UpperStop": 30,
         "q_x": 32,
         "Band": 38,
         "Restitution": 40,
