@@ -108,11 +108,9 @@ def ulps(got: NDArray[np.float64], expected: NDArray[np.float64], precision: str
     return int(np.where(same, 0, abs(a - b)).max())
 
 
-def assert_same(got: NDArray[np.float64], expected: NDArray[np.float64]) -> None:
+def assert_same(got: NDArray[np.float64], expected: NDArray[np.float64], names: Sequence[str] = OUTPUTS) -> None:
     """Every number equal, NaN equal to NaN; says which output parts first."""
     different = ~((got == expected) | (np.isnan(got) & np.isnan(expected)))
     if different.any():
         scan, column = np.argwhere(different)[0]
-        raise AssertionError(
-            f"scan {scan}, {OUTPUTS[column]}: {got[scan, column]!r} is not {expected[scan, column]!r}"
-        )
+        raise AssertionError(f"scan {scan}, {names[column]}: {got[scan, column]!r} is not {expected[scan, column]!r}")

@@ -14,7 +14,7 @@ _SPECIAL = [0.0, -0.0, 1e-300, 1e-45, -1.0, 1e30, 1e300, np.nan, np.inf, -np.inf
 _positions = st.one_of(st.floats(-1e4, 1e4), st.sampled_from(_SPECIAL))
 _steps = st.one_of(st.just(50.0), st.floats(0.1, 2000.0), st.sampled_from(_SPECIAL))
 _variances = st.one_of(st.floats(0.0, 100.0), st.sampled_from([*_SPECIAL, -0.5]))
-_scans = st.builds(
+any_scan = st.builds(
     AoiInputs,
     EnableIn=st.sampled_from([True, True, True, False]),
     x=_positions,
@@ -26,7 +26,7 @@ _scans = st.builds(
     BleedThresh=st.floats(0.0, 1e4),
     BleedFactor=st.floats(0.0, 1.0),
 )
-_sequences = st.lists(st.lists(_scans, min_size=1, max_size=12), min_size=1, max_size=5)
+_sequences = st.lists(st.lists(any_scan, min_size=1, max_size=12), min_size=1, max_size=5)
 
 
 @pytest.mark.parametrize("precision", ["real", "lreal"])

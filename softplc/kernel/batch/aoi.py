@@ -6,12 +6,15 @@ the commit is one plain copy. Bit-equal to the reference in both precisions: no 
 fused multiply-add.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from softplc.kernel.result import Result
+
+if TYPE_CHECKING:
+    from softplc.kernel.batch.aoi_options import AoiBatchOptions
 
 Numbers = NDArray[Any]  # float64[n] (LREAL) or float32[n] (REAL)
 Flags = NDArray[np.bool_]
@@ -23,7 +26,8 @@ _CORRECTED = slice(3, 10)  # x_dot_pred, P0..P3, K0, K1: written only when S > 0
 class AoiBatchState:
     """The persistent variables of n function blocks as arrays[n], named as in the Structured Text; zero at first.
 
-    The y and y_dot of a row are also its outputs.
+    The y and y_dot of a row are also its outputs. The last three are of the options and stay zero without them:
+    positions are relative to `offset` (float64), `in_a_row` and `rejected` count rejected samples.
     """
 
     def __init__(self, n: int, dtype: DTypeLike = np.float64) -> None:
@@ -35,6 +39,9 @@ class AoiBatchState:
         self._rows: Numbers = np.zeros((10, n), self.dtype)
         self.x_pred, self.y_res, self.S = self._rows[_PREDICTED]
         self.x_dot_pred, self.P0, self.P1, self.P2, self.P3, self.K0, self.K1 = self._rows[_CORRECTED]
+        self.offset: NDArray[np.float64] = np.zeros(n)
+        self.in_a_row: NDArray[np.int64] = np.zeros(n, np.int64)
+        self.rejected: NDArray[np.int64] = np.zeros(n, np.int64)
         self._scratch = _Scratch(n, self.dtype)
 
     def __len__(self) -> int:
@@ -48,13 +55,13 @@ class AoiBatchState:
 
     def clear(self, rows: Flags) -> None:
         """Forget everything about these rows, as before the first scan."""
-        for array in (self.init, self.dt_s, self.y, self.y_dot):
+        for array in (self.init, self.dt_s, self.y, self.y_dot, self.offset, self.in_a_row, self.rejected):
             array[rows] = 0
         self._rows[:, rows] = 0
 
 
 class AoiTuning:
-    """The tuning inputs of n function blocks as arrays[n] in the precision of the state."""
+    """The tuning inputs of n function blocks as arrays[n] in the precision of the state; `options`: those in use."""
 
     def __init__(
         self,
@@ -66,7 +73,9 @@ class AoiTuning:
         BleedEnable: ArrayLike,
         BleedThresh: ArrayLike,
         BleedFactor: ArrayLike,
+        options: "AoiBatchOptions | None" = None,
     ) -> None:
+        self.options = options
         with np.errstate(all="ignore"):
             self.q_x: Numbers = np.array(q_x, dtype)
             self.q_x_dot: Numbers = np.array(q_x_dot, dtype)
@@ -111,6 +120,8 @@ def step(
 
     Returns the Result of each row, valid until the next step.
     """
+    if tuning.options is not None:
+        return tuning.options.step(state, tuning, EnableIn=EnableIn, x=x, dt=dt, rows=rows)
     new = state._scratch
     new.x[:] = x
     new.dt_s[:] = dt
@@ -158,8 +169,18 @@ def _initialise(state: AoiBatchState, rows: NDArray[np.intp], x: Numbers) -> Non
 
 def _predict(state: AoiBatchState, new: _Scratch, tuning: AoiTuning) -> None:
     """Equations (2) to (12) and (17), into the scratch buffers."""
+    _propagate(state, new)
+    x_cov0, _, _, x_cov3 = new.x_cov
+    np.add(x_cov0, tuning.q_x, out=x_cov0)
+    np.add(state.P3, tuning.q_x_dot, out=x_cov3)
+    np.subtract(new.x, new.x_pred, out=new.y_res)
+    np.add(x_cov0, tuning.r_x, out=new.S)
+
+
+def _propagate(state: AoiBatchState, new: _Scratch) -> None:
+    """Equations (2) to (9); (10) leaves P11 as it is."""
     dt_s, a, b = new.dt_s, new.a, new.b
-    x_cov0, x_cov1, x_cov2, x_cov3 = new.x_cov
+    x_cov0, x_cov1, x_cov2, _ = new.x_cov
 
     np.multiply(dt_s, state.x_dot_pred, out=a)
     np.add(state.x_pred, a, out=new.x_pred)
@@ -171,12 +192,6 @@ def _predict(state: AoiBatchState, new: _Scratch, tuning: AoiTuning) -> None:
     np.add(state.P0, a, out=a)
     np.multiply(dt_s, x_cov1, out=b)
     np.add(a, b, out=x_cov0)
-
-    np.add(x_cov0, tuning.q_x, out=x_cov0)
-    np.add(state.P3, tuning.q_x_dot, out=x_cov3)
-
-    np.subtract(new.x, new.x_pred, out=new.y_res)
-    np.add(x_cov0, tuning.r_x, out=new.S)
 
 
 def _correct(state: AoiBatchState, new: _Scratch, tuning: AoiTuning) -> None:
