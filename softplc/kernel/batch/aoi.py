@@ -27,16 +27,16 @@ class AoiBatchState:
     """The persistent variables of n function blocks as arrays[n], named as in the Structured Text; zero at first.
 
     The y and y_dot of a row are also its outputs. The last three are of the options and stay zero without them:
-    positions are relative to `offset` (float64), `in_a_row` and `rejected` count rejected samples.
+    positions are relative to `offset` (float64), `in_a_row` and `rejected` count rejected samples. The rows of
+    `numbers` are the same memory: x_pred, y_res, S, x_dot_pred, P0 to P3, K0, K1, dt_s, y, y_dot.
     """
 
     def __init__(self, n: int, dtype: DTypeLike = np.float64) -> None:
         self.dtype = np.dtype(dtype)
         self.init: Flags = np.zeros(n, np.bool_)
-        self.dt_s: Numbers = np.zeros(n, self.dtype)
-        self.y: Numbers = np.zeros(n, self.dtype)
-        self.y_dot: Numbers = np.zeros(n, self.dtype)
-        self._rows: Numbers = np.zeros((10, n), self.dtype)
+        self.numbers: Numbers = np.zeros((13, n), self.dtype)
+        self.dt_s, self.y, self.y_dot = self.numbers[10:]
+        self._rows: Numbers = self.numbers[:10]
         self.x_pred, self.y_res, self.S = self._rows[_PREDICTED]
         self.x_dot_pred, self.P0, self.P1, self.P2, self.P3, self.K0, self.K1 = self._rows[_CORRECTED]
         self.offset: NDArray[np.float64] = np.zeros(n)
@@ -61,7 +61,11 @@ class AoiBatchState:
 
 
 class AoiTuning:
-    """The tuning inputs of n function blocks as arrays[n] in the precision of the state; `options`: those in use."""
+    """The tuning inputs of n function blocks as arrays[n] in the precision of the state; `options`: those in use.
+
+    To change the tuning, write into an array: putting another in its place raises AttributeError, since others hold
+    the same memory.
+    """
 
     def __init__(
         self,
@@ -77,12 +81,22 @@ class AoiTuning:
     ) -> None:
         self.options = options
         with np.errstate(all="ignore"):
-            self.q_x: Numbers = np.array(q_x, dtype)
-            self.q_x_dot: Numbers = np.array(q_x_dot, dtype)
-            self.r_x: Numbers = np.array(r_x, dtype)
-            self.BleedEnable: Flags = np.array(BleedEnable, np.bool_)
-            self.BleedThresh: Numbers = np.array(BleedThresh, dtype)
-            self.BleedFactor: Numbers = np.array(BleedFactor, dtype)
+            numbers: Numbers = np.stack(
+                [np.array(one, dtype) for one in (q_x, q_x_dot, r_x, BleedThresh, BleedFactor)]
+            )
+        self.q_x, self.q_x_dot, self.r_x, self.BleedThresh, self.BleedFactor = numbers
+        self.BleedEnable: Flags = np.array(BleedEnable, np.bool_)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if isinstance(vars(self).get(name), np.ndarray):
+            raise AttributeError(f"{name} is one array for good: write into it")
+        super().__setattr__(name, value)
+
+    @property
+    def numbers(self) -> Numbers:
+        """The same memory as [5, n]: q_x, q_x_dot, r_x, BleedThresh, BleedFactor."""
+        base: Numbers = self.q_x.base  # the stack that __init__ took the rows from
+        return base
 
 
 class _Scratch:
