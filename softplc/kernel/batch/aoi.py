@@ -88,7 +88,7 @@ class AoiTuning:
         self.BleedEnable: Flags = np.array(BleedEnable, np.bool_)
 
     def __setattr__(self, name: str, value: object) -> None:
-        if isinstance(vars(self).get(name), np.ndarray):
+        if hasattr(vars(self).get(name), "dtype"):
             raise AttributeError(f"{name} is one array for good: write into it")
         super().__setattr__(name, value)
 

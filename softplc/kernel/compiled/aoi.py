@@ -1,0 +1,61 @@
+"""The Logix AOI compiled: `batch.aoi.step` on the same state and tuning, the same bits, less time.
+
+While every row is enabled, initialised and has a valid dt, one loop without branches goes over all rows; otherwise
+each row goes by itself, in the order of the Structured Text. The loops are in `compiled.loops`.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from softplc.kernel.batch import aoi as batch
+from softplc.kernel.batch.aoi import AoiBatchState, AoiTuning, Flags
+from softplc.kernel.compiled import loops
+from softplc.kernel.compiled.jit import compile_now
+
+
+_scans: dict[int, Any] = {}  # by the size of a number in bytes
+
+
+def prepare(dtype: DTypeLike) -> bool:
+    """Make `step` ready for states of this precision; False when that meant compiling, which takes seconds.
+
+    A step without it does the same. Ready is ready: True at once. From the cache of an earlier process: a tenth of
+    a second.
+    """
+    wanted = np.dtype(dtype)
+    cached = True
+    if wanted.itemsize not in _scans:
+        _scans[wanted.itemsize], cached = compile_now(loops.scan, loops.scan_signature(wanted))
+    return cached
+
+
+def step(
+    state: AoiBatchState,
+    tuning: AoiTuning,
+    *,
+    EnableIn: Flags,
+    x: NDArray[Any],
+    dt: NDArray[Any],
+    rows: Flags,
+) -> NDArray[np.uint8]:
+    """One scan of the rows where `rows` is true, as `batch.aoi.step`: `x` in u, `dt` in ms, all arrays[n].
+
+    Returns the Result of each row, valid until the next step. Tuning with options is stepped by numpy. Arrays that
+    are not contiguous, not writable or not float64 are copied.
+    """
+    if tuning.options is not None:
+        return batch.step(state, tuning, EnableIn=EnableIn, x=x, dt=dt, rows=rows)
+    numbers, result, flags = state.numbers, state._scratch.result, tuning.BleedEnable
+    scan = _scans.get(numbers.itemsize)
+    if scan is None:
+        prepare(numbers.dtype)
+        scan = _scans[numbers.itemsize]
+    try:
+        scan(numbers, state.init, tuning.numbers, flags, EnableIn, x, dt, rows, result)
+    except TypeError:
+        x, dt = np.array(x, np.float64), np.array(dt, np.float64)
+        EnableIn, rows = np.array(EnableIn, np.bool_), np.array(rows, np.bool_)
+        scan(numbers, state.init, tuning.numbers, flags, EnableIn, x, dt, rows, result)
+    return result
