@@ -28,12 +28,14 @@ class AoiBatchState:
 
     The y and y_dot of a row are also its outputs. The last three are of the options and stay zero without them:
     positions are relative to `offset` (float64), `in_a_row` and `rejected` count rejected samples. The rows of
-    `numbers` are the same memory: x_pred, y_res, S, x_dot_pred, P0 to P3, K0, K1, dt_s, y, y_dot.
+    `numbers` are the same memory: x_pred, y_res, S, x_dot_pred, P0 to P3, K0, K1, dt_s, y, y_dot. Those of `bytes`
+    are init and the results of the last step.
     """
 
     def __init__(self, n: int, dtype: DTypeLike = np.float64) -> None:
         self.dtype = np.dtype(dtype)
-        self.init: Flags = np.zeros(n, np.bool_)
+        self.bytes: NDArray[np.uint8] = np.zeros((2, n), np.uint8)
+        self.init: Flags = self.bytes[0].view(np.bool_)
         self.numbers: Numbers = np.zeros((13, n), self.dtype)
         self.dt_s, self.y, self.y_dot = self.numbers[10:]
         self._rows: Numbers = self.numbers[:10]
@@ -42,7 +44,7 @@ class AoiBatchState:
         self.offset: NDArray[np.float64] = np.zeros(n)
         self.in_a_row: NDArray[np.int64] = np.zeros(n, np.int64)
         self.rejected: NDArray[np.int64] = np.zeros(n, np.int64)
-        self._scratch = _Scratch(n, self.dtype)
+        self._scratch = _Scratch(n, self.dtype, self.bytes[1])
 
     def __len__(self) -> int:
         return len(self.init)
@@ -102,7 +104,7 @@ class AoiTuning:
 class _Scratch:
     """Buffers of one step: what the next state would be, and what is needed on the way."""
 
-    def __init__(self, n: int, dtype: np.dtype[Any]) -> None:
+    def __init__(self, n: int, dtype: np.dtype[Any], result: NDArray[np.uint8]) -> None:
         self.x: Numbers = np.zeros(n, dtype)
         self.dt_s: Numbers = np.zeros(n, dtype)
         self.rows: Numbers = np.zeros((10, n), dtype)
@@ -117,7 +119,7 @@ class _Scratch:
         self.flag: Flags = np.zeros(n, np.bool_)
         self.finite: Flags = np.zeros((10, n), np.bool_)
         self.all_finite: Flags = np.zeros(n, np.bool_)
-        self.result: NDArray[np.uint8] = np.zeros(n, np.uint8)
+        self.result = result
 
 
 @np.errstate(all="ignore")

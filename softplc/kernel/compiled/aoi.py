@@ -47,15 +47,15 @@ def step(
     """
     if tuning.options is not None:
         return batch.step(state, tuning, EnableIn=EnableIn, x=x, dt=dt, rows=rows)
-    numbers, result, flags = state.numbers, state._scratch.result, tuning.BleedEnable
+    numbers = state.numbers
     scan = _scans.get(numbers.itemsize)
     if scan is None:
         prepare(numbers.dtype)
         scan = _scans[numbers.itemsize]
     try:
-        scan(numbers, state.init, tuning.numbers, flags, EnableIn, x, dt, rows, result)
+        scan(numbers, state.bytes, tuning.numbers, tuning.BleedEnable, EnableIn, x, dt, rows)
     except TypeError:
         x, dt = np.array(x, np.float64), np.array(dt, np.float64)
         EnableIn, rows = np.array(EnableIn, np.bool_), np.array(rows, np.bool_)
-        scan(numbers, state.init, tuning.numbers, flags, EnableIn, x, dt, rows, result)
-    return result
+        scan(numbers, state.bytes, tuning.numbers, tuning.BleedEnable, EnableIn, x, dt, rows)
+    return state._scratch.result

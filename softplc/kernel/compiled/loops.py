@@ -6,7 +6,7 @@ the order of `AoiBatchState.numbers`, another the tuning, float[5, n], as `AoiTu
 
 Nothing is reordered or fused: no fast-math, no fused multiply-add. A loop that shall become vector instructions has
 no branches, loads before it selects, and touches few enough arrays for LLVM to check that they do not overlap
-(128 pairs with one that is written): 10 written and 4 read in `_steady`.
+(128 pairs with one that is written): `_steady`, with 12 written and 5 more read, has 126.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -70,7 +70,7 @@ def _ready(numbers, init, EnableIn, dt, rows):  # pragma: no cover
     dt_s = numbers[DT_S]
     ready = True
     for i in range(n):
-        ready &= init[i] & EnableIn[i] & rows[i]
+        ready &= (init[i] != 0) & EnableIn[i] & rows[i]
     if not ready or n == 0:
         return False
     first = real(dt[0])
@@ -98,7 +98,7 @@ def _steady(numbers, tuning, x):  # pragma: no cover
     one, zero = real(1.0), real(0.0)
     x_pred, y_res, S_, x_dot_pred = numbers[X_PRED], numbers[Y_RES], numbers[S], numbers[X_DOT_PRED]
     P0_, P1_, P2_, P3_ = numbers[P0], numbers[P1], numbers[P2], numbers[P3]
-    K0_, K1_, dt_s = numbers[K0], numbers[K1], numbers[DT_S]
+    K0_, K1_, dt_s, y, y_dot = numbers[K0], numbers[K1], numbers[DT_S], numbers[Y], numbers[Y_DOT]
     q_x, q_x_dot, r_x = tuning[Q_X], tuning[Q_X_DOT], tuning[R_X]
     positive = True
     for i in range(numbers.shape[1]):
@@ -107,9 +107,11 @@ def _steady(numbers, tuning, x):  # pragma: no cover
             P0_[i], P1_[i], P2_[i], P3_[i], K0_[i], K1_[i],
         )  # fmt: skip
         x_pred[i] = position
+        y[i] = position
         y_res[i] = e
         S_[i] = s
         x_dot_pred[i] = velocity
+        y_dot[i] = velocity
         P0_[i] = p0
         P1_[i] = p1
         P2_[i] = p2
@@ -125,13 +127,15 @@ def _bleed(numbers, tuning, BleedEnable, x):  # pragma: no cover
     """Equation (22) for all rows."""
     real = numbers.dtype.type
     zero = real(0.0)
-    S_, x_pred, x_dot_pred = numbers[S], numbers[X_PRED], numbers[X_DOT_PRED]
+    S_, x_pred, x_dot_pred, y_dot = numbers[S], numbers[X_PRED], numbers[X_DOT_PRED], numbers[Y_DOT]
     threshold, factor = tuning[BLEED_THRESH], tuning[BLEED_FACTOR]
     for i in range(numbers.shape[1]):
         velocity = x_dot_pred[i]
         bled = velocity * factor[i]
         near = abs(real(x[i]) - x_pred[i]) < threshold[i]
-        x_dot_pred[i] = bled if BleedEnable[i] & near & (S_[i] > zero) else velocity
+        velocity = bled if BleedEnable[i] & near & (S_[i] > zero) else velocity
+        x_dot_pred[i] = velocity
+        y_dot[i] = velocity
 
 
 @inlined
@@ -140,14 +144,14 @@ def _row(numbers, init, tuning, BleedEnable, i, EnableIn, x, dt):  # pragma: no 
     real = numbers.dtype.type
     zero, one = real(0.0), real(1.0)
     if not EnableIn:
-        init[i] = False
+        init[i] = 0
         numbers[Y, i] = x
         numbers[Y_DOT, i] = zero
         return _DISABLED
     d = zero if dt <= zero else dt / real(1000.0)
     numbers[DT_S, i] = d
     result = _UPDATED
-    if not init[i]:
+    if init[i] == 0:
         numbers[X_PRED, i] = x
         numbers[X_DOT_PRED, i] = zero
         numbers[P0, i] = one
@@ -156,7 +160,7 @@ def _row(numbers, init, tuning, BleedEnable, i, EnableIn, x, dt):  # pragma: no 
         numbers[P3, i] = real(10.0)
         numbers[K0, i] = zero
         numbers[K1, i] = zero
-        init[i] = True
+        init[i] = 1
         result = _INITIALISED
     if not d > zero:
         numbers[Y, i] = x
@@ -188,8 +192,9 @@ def _row(numbers, init, tuning, BleedEnable, i, EnableIn, x, dt):  # pragma: no 
 
 
 @inlined
-def _scan(numbers, init, tuning, BleedEnable, EnableIn, x, dt, rows, result):  # pragma: no cover
-    """One scan of n rows: x and dt (ms) float64[n], the flags bool[n], result uint8[n] is written."""
+def _scan(numbers, flags, tuning, BleedEnable, EnableIn, x, dt, rows):  # pragma: no cover
+    """One scan of n rows: x and dt (ms) float64[n], EnableIn, rows bool[n], flags as `AoiBatchState.bytes`."""
+    init, result = flags[0], flags[1]
     n = len(init)
     real = numbers.dtype.type
     if not _ready(numbers, init, EnableIn, dt, rows):
@@ -205,11 +210,6 @@ def _scan(numbers, init, tuning, BleedEnable, EnableIn, x, dt, rows, result):  #
         bleeding |= BleedEnable[i]
     if bleeding:
         _bleed(numbers, tuning, BleedEnable, x)
-    x_pred, x_dot_pred, y, y_dot = numbers[X_PRED], numbers[X_DOT_PRED], numbers[Y], numbers[Y_DOT]
-    for i in range(n):
-        y[i] = x_pred[i]
-    for i in range(n):
-        y_dot[i] = x_dot_pred[i]
     for i in range(n):
         result[i] = _UPDATED
     if not positive:
@@ -218,15 +218,15 @@ def _scan(numbers, init, tuning, BleedEnable, EnableIn, x, dt, rows, result):  #
                 result[i] = _S_NOT_POSITIVE
 
 
-def scan(numbers, init, tuning, BleedEnable, EnableIn, x, dt, rows, result):  # pragma: no cover
+def scan(numbers, flags, tuning, BleedEnable, EnableIn, x, dt, rows):  # pragma: no cover
     """`_scan` for `compile_now`."""
-    _scan(numbers, init, tuning, BleedEnable, EnableIn, x, dt, rows, result)
+    _scan(numbers, flags, tuning, BleedEnable, EnableIn, x, dt, rows)
 
 
 def scan_signature(dtype: np.dtype[Any]) -> tuple[Any, ...]:
     """The numba types of `scan`'s arguments for a state of this precision."""
     block, flags, numbers = _real(dtype)[:, ::1], types.boolean[::1], types.float64[::1]
-    return block, flags, block, flags, flags, numbers, numbers, flags, types.uint8[::1]
+    return block, types.uint8[:, ::1], block, flags, flags, numbers, numbers, flags
 
 
 def _real(dtype: np.dtype[Any]) -> Any:
