@@ -14,8 +14,8 @@ from softplc.kernel.batch.aoi import AoiBatchState, AoiTuning, Flags
 from softplc.kernel.compiled import loops
 from softplc.kernel.compiled.jit import compile_now
 
-
 _scans: dict[int, Any] = {}  # by the size of a number in bytes
+_replays: dict[int, Any] = {}
 
 
 def prepare(dtype: DTypeLike) -> bool:
@@ -59,3 +59,40 @@ def step(
         EnableIn, rows = np.array(EnableIn, np.bool_), np.array(rows, np.bool_)
         scan(numbers, state.bytes, tuning.numbers, tuning.BleedEnable, EnableIn, x, dt, rows)
     return state._scratch.result
+
+
+def replay(
+    state: AoiBatchState,
+    tuning: AoiTuning,
+    *,
+    EnableIn: NDArray[np.bool_],
+    x: NDArray[np.float64],
+    dt: NDArray[np.float64],
+    everything: bool = True,
+) -> tuple[NDArray[Any], NDArray[np.uint8]]:
+    """All scans of a recording: x[t, n] in u; EnableIn and dt in ms [t, n], or [t, 1] for the same in all axes.
+
+    Returns the state after each scan, [13, t, n] with the rows of `AoiBatchState.numbers`, or without `everything`
+    [2, t, n] with y and y_dot, and the results [t, n]. The state is then as after the last scan. Raises ValueError
+    when the tuning has options, or the shapes do not fit.
+    """
+    scans, n = x.shape
+    if tuning.options is not None:
+        raise ValueError("tuning with options is not compiled: replay it with batch.aoi.step")
+    if n != len(state) or any(one.shape not in {(scans, n), (scans, 1)} for one in (EnableIn, dt)):
+        raise ValueError(
+            f"expected x[t, {len(state)}] with EnableIn and dt [t, {len(state)}] or [t, 1], found x{list(x.shape)}, "
+            f"EnableIn{list(EnableIn.shape)}, dt{list(dt.shape)}"
+        )
+    if state.dtype.itemsize not in _replays:
+        compiled, _ = compile_now(loops.replay, loops.replay_signature(state.dtype))
+        _replays[state.dtype.itemsize] = compiled
+    out = np.empty((13 if everything else 2, scans, n), state.dtype)
+    results = np.empty((scans, n), np.uint8)
+    given = [
+        np.require(one, kind, ("C", "W")) for one, kind in ((EnableIn, np.bool_), (x, np.float64), (dt, np.float64))
+    ]
+    _replays[state.dtype.itemsize](
+        state.numbers, state.bytes, tuning.numbers, tuning.BleedEnable, *given, out, results
+    )
+    return out, results

@@ -1,7 +1,8 @@
 """The AOI's arithmetic as numba compiles it: over many rows in one scan, and over many scans of recordings.
 
-What is written here is a subset of Python that numba translates; mypy and coverage do not see it run. Names and
-order of the operations are those of `kernel.reference.aoi`. One block of memory holds the state, float[13, n], in
+What is written here is a subset of Python that numba translates; mypy and coverage do not see it run. It is one
+file, though a long one, because numba tells by its date and size whether what was kept of it is still right. Names
+and order of the operations are those of `kernel.reference.aoi`. One block of memory holds the state, float[13, n], in
 the order of `AoiBatchState.numbers`, another the tuning, float[5, n], as `AoiTuning.numbers`.
 
 Nothing is reordered or fused: no fast-math, no fused multiply-add. A loop that shall become vector instructions has
@@ -10,6 +11,7 @@ no branches, loads before it selects, and touches few enough arrays for LLVM to 
 """
 
 # mypy: disable-error-code="no-untyped-def"
+# ruff: noqa: SIM300  # zero is a variable here
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ Q_X, Q_X_DOT, R_X, BLEED_THRESH, BLEED_FACTOR = range(5)
 _UPDATED, _INITIALISED, _DISABLED = int(Result.UPDATED), int(Result.INITIALISED), int(Result.DISABLED)
 _DT_INVALID, _S_NOT_POSITIVE = int(Result.DT_INVALID), int(Result.S_NOT_POSITIVE)
 _SKIPPED = int(Result.SKIPPED)
+FEW = 24  # axes below which a recording is replayed axis by axis
 
 
 @inlined
@@ -139,56 +142,65 @@ def _bleed(numbers, tuning, BleedEnable, x):  # pragma: no cover
 
 
 @inlined
-def _row(numbers, init, tuning, BleedEnable, i, EnableIn, x, dt):  # pragma: no cover
-    """One row by itself, whatever it is given; its result."""
-    real = numbers.dtype.type
+def _block(
+    real, EnableIn, x, dt, q_x, q_x_dot, r_x, BleedEnable, BleedThresh, BleedFactor,
+    init, x_pred, y_res, S, x_dot_pred, P0, P1, P2, P3, K0, K1, dt_s, y, y_dot,
+):  # fmt: skip  # pragma: no cover
+    """One scan of one axis whatever it is given, as `reference.aoi`: its result, then its state in this order."""
     zero, one = real(0.0), real(1.0)
-    if not EnableIn:
-        init[i] = 0
-        numbers[Y, i] = x
-        numbers[Y_DOT, i] = zero
-        return _DISABLED
-    d = zero if dt <= zero else dt / real(1000.0)
-    numbers[DT_S, i] = d
     result = _UPDATED
-    if init[i] == 0:
-        numbers[X_PRED, i] = x
-        numbers[X_DOT_PRED, i] = zero
-        numbers[P0, i] = one
-        numbers[P1, i] = zero
-        numbers[P2, i] = zero
-        numbers[P3, i] = real(10.0)
-        numbers[K0, i] = zero
-        numbers[K1, i] = zero
-        init[i] = 1
-        result = _INITIALISED
-    if not d > zero:
-        numbers[Y, i] = x
-        numbers[Y_DOT, i] = zero
-        return _DT_INVALID
-    position, e, s, velocity, p0, p1, p2, p3, k0, k1 = _update(
-        x, d, tuning[Q_X, i], tuning[Q_X_DOT, i], tuning[R_X, i], one, zero, numbers[X_PRED, i],
-        numbers[X_DOT_PRED, i], numbers[P0, i], numbers[P1, i], numbers[P2, i], numbers[P3, i], numbers[K0, i],
-        numbers[K1, i],
-    )  # fmt: skip
-    if s > zero:
-        if BleedEnable[i] and abs(x - position) < tuning[BLEED_THRESH, i]:
-            velocity = velocity * tuning[BLEED_FACTOR, i]
+    if not EnableIn:
+        init, y, y_dot, result = False, x, zero, _DISABLED
     else:
-        result = _S_NOT_POSITIVE
-    numbers[X_PRED, i] = position
-    numbers[Y_RES, i] = e
-    numbers[S, i] = s
-    numbers[X_DOT_PRED, i] = velocity
-    numbers[P0, i] = p0
-    numbers[P1, i] = p1
-    numbers[P2, i] = p2
-    numbers[P3, i] = p3
-    numbers[K0, i] = k0
-    numbers[K1, i] = k1
-    numbers[Y, i] = position
-    numbers[Y_DOT, i] = velocity
-    return result
+        dt_s = zero if dt <= zero else dt / real(1000.0)
+        if not init:
+            x_pred, x_dot_pred = x, zero
+            P0, P1, P2, P3 = one, zero, zero, real(10.0)
+            K0, K1 = zero, zero
+            init, result = True, _INITIALISED
+        if dt_s > zero:
+            x_pred, y_res, S, x_dot_pred, P0, P1, P2, P3, K0, K1 = _update(
+                x, dt_s, q_x, q_x_dot, r_x, one, zero, x_pred, x_dot_pred, P0, P1, P2, P3, K0, K1
+            )
+            if not S > zero:
+                result = _S_NOT_POSITIVE
+            elif BleedEnable and abs(x - x_pred) < BleedThresh:
+                x_dot_pred = x_dot_pred * BleedFactor
+            y, y_dot = x_pred, x_dot_pred
+        else:
+            y, y_dot, result = x, zero, _DT_INVALID
+    return result, init, x_pred, y_res, S, x_dot_pred, P0, P1, P2, P3, K0, K1, dt_s, y, y_dot
+
+
+@inlined
+def _load(numbers, init, i):  # pragma: no cover
+    """The state of one row."""
+    return (
+        init[i] != 0, numbers[X_PRED, i], numbers[Y_RES, i], numbers[S, i], numbers[X_DOT_PRED, i],
+        numbers[P0, i], numbers[P1, i], numbers[P2, i], numbers[P3, i], numbers[K0, i], numbers[K1, i],
+        numbers[DT_S, i], numbers[Y, i], numbers[Y_DOT, i],
+    )  # fmt: skip
+
+
+@inlined
+def _store(numbers, init, i, state):  # pragma: no cover
+    """Put the state of one row back."""
+    (
+        init[i], numbers[X_PRED, i], numbers[Y_RES, i], numbers[S, i], numbers[X_DOT_PRED, i],
+        numbers[P0, i], numbers[P1, i], numbers[P2, i], numbers[P3, i], numbers[K0, i], numbers[K1, i],
+        numbers[DT_S, i], numbers[Y, i], numbers[Y_DOT, i],
+    ) = state  # fmt: skip
+
+
+@inlined
+def _row(numbers, init, tuning, BleedEnable, i, EnableIn, x, dt):  # pragma: no cover
+    """One scan of one row by itself; its result."""
+    after = _block(
+        numbers.dtype.type, EnableIn, x, dt, tuning[Q_X, i], tuning[Q_X_DOT, i], tuning[R_X, i], BleedEnable[i],
+        tuning[BLEED_THRESH, i], tuning[BLEED_FACTOR, i], *_load(numbers, init, i),
+    )  # fmt: skip
+    _store(numbers, init, i, after[1:])
+    return after[0]
 
 
 @inlined
@@ -223,10 +235,100 @@ def scan(numbers, flags, tuning, BleedEnable, EnableIn, x, dt, rows):  # pragma:
     _scan(numbers, flags, tuning, BleedEnable, EnableIn, x, dt, rows)
 
 
+def replay(numbers, flags, tuning, BleedEnable, EnableIn, x, dt, out, results):  # pragma: no cover
+    """A recording of n axes, x float64[t, n], through `_scan`, or axis by axis where there are few.
+
+    EnableIn bool[t, m] and dt float64[t, m], ms, with m = n or 1 for all axes. `out` is float[13, t, n] for all
+    rows of `numbers`, or float[2, t, n] for the last two, y and y_dot. results: uint8[t, n].
+    """
+    scans, n = x.shape
+    if n < FEW:
+        for j in range(n):
+            _axis(numbers, flags[0], tuning, BleedEnable, j, EnableIn, x, dt, out, results)
+        return
+    rows = np.ones(n, np.bool_)
+    enable, steps = np.empty(n, np.bool_), np.empty(n, np.float64)
+    tracks = out.shape[0]
+    for t in range(scans):
+        _spread(EnableIn[t], enable)
+        _spread(dt[t], steps)
+        _scan(numbers, flags, tuning, BleedEnable, enable, x[t], steps, rows)
+        for row in range(tracks):
+            _spread(numbers[13 - tracks + row], out[row, t])
+        _spread(flags[1], results[t])
+
+
+@inlined
+def _spread(values, into):  # pragma: no cover
+    """Copy n numbers, or one to all n."""
+    if len(values) == len(into):
+        for j in range(len(into)):
+            into[j] = values[j]
+    else:
+        for j in range(len(into)):
+            into[j] = values[0]
+
+
+@inlined
+def _axis(numbers, init, tuning, BleedEnable, j, EnableIn, x, dt, out, results):  # pragma: no cover
+    """One axis through all its scans, with its state in registers.
+
+    P, K and S depend on dt alone. Where a scan has left P as it was, bit by bit, the next one with the same dt would
+    leave it again: from there on position and velocity are all that is left to compute.
+    """
+    real = numbers.dtype.type
+    q_x, q_x_dot, r_x = tuning[Q_X, j], tuning[Q_X_DOT, j], tuning[R_X, j]
+    bleeding, threshold, factor = BleedEnable[j], tuning[BLEED_THRESH, j], tuning[BLEED_FACTOR, j]
+    enables, steps = EnableIn[:, j % EnableIn.shape[1]], dt[:, j % dt.shape[1]]
+    everything = out.shape[0] == 13
+    init_, x_pred, y_res, s, velocity, p0, p1, p2, p3, k0, k1, dt_s, y, y_dot = _load(numbers, init, j)
+    settled, settled_ms = False, real(0.0)
+    for t in range(x.shape[0]):
+        z, ms = real(x[t, j]), real(steps[t])
+        if settled and enables[t] and ms == settled_ms:
+            x_pred = x_pred + dt_s * velocity
+            y_res = z - x_pred
+            x_pred = x_pred + k0 * y_res
+            velocity = velocity + k1 * y_res
+            if bleeding and abs(z - x_pred) < threshold:
+                velocity = velocity * factor
+            y, y_dot, result = x_pred, velocity, _UPDATED
+        else:
+            q0, q1, q2, q3 = p0, p1, p2, p3
+            result, init_, x_pred, y_res, s, velocity, p0, p1, p2, p3, k0, k1, dt_s, y, y_dot = _block(
+                real, enables[t], z, ms, q_x, q_x_dot, r_x, bleeding, threshold, factor,
+                init_, x_pred, y_res, s, velocity, p0, p1, p2, p3, k0, k1, dt_s, y, y_dot,
+            )  # fmt: skip
+            settled = result == _UPDATED and p0 == q0 and p1 == q1 and p2 == q2 and p3 == q3
+            settled_ms = ms
+        results[t, j] = result
+        if everything:
+            (
+                out[X_PRED, t, j], out[Y_RES, t, j], out[S, t, j], out[X_DOT_PRED, t, j], out[P0, t, j],
+                out[P1, t, j], out[P2, t, j], out[P3, t, j], out[K0, t, j], out[K1, t, j], out[DT_S, t, j],
+            ) = (x_pred, y_res, s, velocity, p0, p1, p2, p3, k0, k1, dt_s)  # fmt: skip
+        out[-2, t, j] = y
+        out[-1, t, j] = y_dot
+    _store(
+        numbers, init, j,
+        (init_, x_pred, y_res, s, velocity, p0, p1, p2, p3, k0, k1, dt_s, y, y_dot),
+    )  # fmt: skip
+
+
 def scan_signature(dtype: np.dtype[Any]) -> tuple[Any, ...]:
     """The numba types of `scan`'s arguments for a state of this precision."""
     block, flags, numbers = _real(dtype)[:, ::1], types.boolean[::1], types.float64[::1]
     return block, types.uint8[:, ::1], block, flags, flags, numbers, numbers, flags
+
+
+def replay_signature(dtype: np.dtype[Any]) -> tuple[Any, ...]:
+    """The numba types of `replay`'s arguments for a state of this precision."""
+    real, flags, table = _real(dtype), types.boolean, types.float64[:, ::1]
+    block = real[:, ::1]
+    return (
+        block, types.uint8[:, ::1], block, flags[::1], flags[:, ::1], table, table, real[:, :, ::1],
+        types.uint8[:, ::1],
+    )  # fmt: skip
 
 
 def _real(dtype: np.dtype[Any]) -> Any:
