@@ -2,8 +2,8 @@
 
 Names, equations and units are those of the reference. The arithmetic runs over all rows in buffers that are made
 once, and is then committed to the rows that it is meant for; where every row is in the normal course of things
-the commit is one plain copy. Bit-equal to the reference in both precisions: no x ** 2, no matrix product, no
-fused multiply-add.
+the correction goes right into the state. Bit-equal to the reference in both precisions: no x ** 2, no matrix
+product, no fused multiply-add.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -155,14 +155,12 @@ def step(
 
     _predict(state, new, tuning)
     np.greater(new.S, 0.0, out=new.ok)
-    _correct(state, new, tuning)
-
     new.result.fill(Result.UPDATED)
-    if new.go.all():
-        np.copyto(state.dt_s, new.dt_s)
-        _commit_all(state, new)
+    if new.go.all() and new.ok.all():  # nothing to choose: correct in place
+        _correct(state, new, tuning, state)
+        _commit_steady(state, new)
     else:
-        np.copyto(state.dt_s, new.dt_s, where=new.run)
+        _correct(state, new, tuning, new)
         _commit_some(state, new, rows)
     if starting is not None:
         started = new.result[starting]
@@ -210,52 +208,50 @@ def _propagate(state: AoiBatchState, new: _Scratch) -> None:
     np.add(a, b, out=x_cov0)
 
 
-def _correct(state: AoiBatchState, new: _Scratch, tuning: AoiTuning) -> None:
-    """Equations (16) to (22), into the scratch buffers; where S is not positive the position stays predicted."""
+def _correct(state: AoiBatchState, new: _Scratch, tuning: AoiTuning, out: "AoiBatchState | _Scratch") -> None:
+    """Equations (16) to (22), into the rows of `out`; where S is not positive the position stays predicted."""
     a, b = new.a, new.b
     x_cov0, x_cov1, x_cov2, x_cov3 = new.x_cov
 
-    np.divide(x_cov0, new.S, out=new.K0)
-    np.divide(x_cov2, new.S, out=new.K1)
+    np.divide(x_cov0, new.S, out=out.K0)
+    np.divide(x_cov2, new.S, out=out.K1)
 
-    np.multiply(new.K0, new.y_res, out=a)
-    if new.ok.all():
-        np.add(new.x_pred, a, out=new.x_pred)
+    np.multiply(out.K0, new.y_res, out=a)
+    if out is state:
+        np.add(new.x_pred, a, out=out.x_pred)
     else:
-        np.add(new.x_pred, a, out=new.x_pred, where=new.ok)
-    np.multiply(new.K1, new.y_res, out=a)
-    np.add(state.x_dot_pred, a, out=new.x_dot_pred)
+        np.add(new.x_pred, a, out=out.x_pred, where=new.ok)
+    np.multiply(out.K1, new.y_res, out=a)
+    np.add(state.x_dot_pred, a, out=out.x_dot_pred)
 
     if tuning.BleedEnable.any():
-        np.subtract(new.x, new.x_pred, out=a)
+        np.subtract(new.x, out.x_pred, out=a)
         np.abs(a, out=a)
         np.less(a, tuning.BleedThresh, out=new.flag)
         np.logical_and(new.flag, tuning.BleedEnable, out=new.flag)
-        np.multiply(new.x_dot_pred, tuning.BleedFactor, out=new.x_dot_pred, where=new.flag)
+        np.multiply(out.x_dot_pred, tuning.BleedFactor, out=out.x_dot_pred, where=new.flag)
 
-    np.subtract(1.0, new.K0, out=a)
-    np.multiply(a, x_cov0, out=new.P0)
-    np.multiply(a, x_cov1, out=new.P1)
-    new.P2[:] = new.P1
-    np.multiply(new.K1, x_cov1, out=b)
-    np.subtract(x_cov3, b, out=new.P3)
+    np.subtract(1.0, out.K0, out=a)
+    np.multiply(a, x_cov0, out=out.P0)
+    np.multiply(a, x_cov1, out=out.P1)
+    out.P2[:] = out.P1
+    np.multiply(out.K1, x_cov1, out=b)
+    np.subtract(x_cov3, b, out=out.P3)
 
 
-def _commit_all(state: AoiBatchState, new: _Scratch) -> None:
-    """Every row predicts; the correction goes to those with S > 0."""
-    if new.ok.all():
-        np.copyto(state._rows, new.rows)
-    else:
-        np.copyto(state._rows[_PREDICTED], new.rows[_PREDICTED])
-        np.copyto(state._rows[_CORRECTED], new.rows[_CORRECTED], where=new.ok)
-        new.result[~new.ok] = Result.S_NOT_POSITIVE
+def _commit_steady(state: AoiBatchState, new: _Scratch) -> None:
+    """Every row predicted and corrected; the correction is in the state already."""
+    np.copyto(state.dt_s, new.dt_s)
+    np.copyto(state.y_res, new.y_res)
+    np.copyto(state.S, new.S)
     np.copyto(state.y, state.x_pred)
     np.copyto(state.y_dot, state.x_dot_pred)
 
 
 def _commit_some(state: AoiBatchState, new: _Scratch, rows: Flags) -> None:
-    """Some rows are disabled, have an invalid dt, or are not to be stepped at all."""
+    """Some rows are disabled, have an invalid dt or S, or are not to be stepped at all."""
     go, run = new.go, new.run
+    np.copyto(state.dt_s, new.dt_s, where=run)
     np.copyto(state._rows[_PREDICTED], new.rows[_PREDICTED], where=go)
     np.copyto(state._rows[_CORRECTED], new.rows[_CORRECTED], where=go & new.ok)
     np.copyto(state.y, state.x_pred, where=go)
