@@ -23,6 +23,8 @@ from softplc.tags import Image
 
 _BACK_OFF_FIRST = 0.05  # seconds
 _BACK_OFF_MOST = 1.0
+_WRITE_PAUSE_FIRST = 1.0  # after a write that cost the connection; longer each time, so that reading goes on
+_WRITE_PAUSE_MOST = 60.0
 _CLOSE_LIMIT = 1.0
 _LOGGED_PER_MINUTE = 6  # changes of a flapping link that are logged; the others are counted
 
@@ -70,6 +72,8 @@ class Link:
         self._read: asyncio.Task[None] | None = None
         self._write: asyncio.Task[None] | None = None
         self._pending: dict[int, float] = {}
+        self._write_pause = 0.0
+        self._write_from = float("-inf")
         self._closing: set[asyncio.Task[None]] = set()
         self._told = _Told(name, clock)
         self._write_status: dict[int, int] = {}
@@ -102,29 +106,29 @@ class Link:
 
     def latch(self, inputs: Image, start: int) -> None:
         """Copy the newest samples to `inputs` from index `start`, with the status that they deserve in this scan."""
-        stop = start + len(self.samples)
         if self._driver is None:
             self.samples.fail(StatusCode.BAD_NO_COMMUNICATION)
-        inputs.values[start:stop] = self.samples.values
-        inputs.source_timestamps[start:stop] = self.samples.source_timestamps
-        inputs.arrivals[start:stop] = self.samples.arrivals
-        statuses = self.samples.statuses
+        inputs.take_over(self.samples, start)
         if self._read is not None and not self._read.done():
-            late = statuses < np.uint32(StatusCode.BAD)
-            statuses = np.where(late, np.uint32(StatusCode.UNCERTAIN_LAST_USABLE_VALUE), statuses)
-        inputs.statuses[start:stop] = statuses
+            statuses = inputs.statuses[start : start + len(self.samples)]
+            statuses[statuses < np.uint32(StatusCode.BAD)] = StatusCode.UNCERTAIN_LAST_USABLE_VALUE
 
     def put(self, position: int, value: float) -> None:
         """Have a value written; one that is still waiting is replaced by it."""
         self._pending[position] = value
 
     def flush(self) -> None:
-        """Start writing what was put, unless a write is under way; without a link it is dropped and counted."""
+        """Start writing what was put, unless a write is under way; without a link it is dropped and counted.
+
+        A device that does not answer writes costs the connection each time, so writing pauses longer and longer.
+        """
         if not self._pending:
             return
         if self._driver is None:
             self.statistics.write_errors += len(self._pending)
             self._pending.clear()
+        elif self._clock.monotonic() < self._write_from:
+            return  # what was put waits, and newer values replace it
         elif self._write is None or self._write.done():
             self._write = asyncio.create_task(self._do_write(self._driver), name=f"write {self.name}")
 
@@ -203,10 +207,7 @@ class Link:
         if self._told.tags(self._readings, self.samples.statuses, self._incoming.statuses):
             self._told.words("tag problem", driver.problems)
         self.samples, self._incoming = self._incoming, self.samples
-        self._incoming.values[:] = self.samples.values
-        self._incoming.statuses[:] = self.samples.statuses
-        self._incoming.source_timestamps[:] = self.samples.source_timestamps
-        self._incoming.arrivals[:] = self.samples.arrivals
+        self._incoming.take_over(self.samples)  # a driver may fill in only what is new
         now = self._clock.monotonic()
         self.statistics.reads += 1
         self.statistics.read_time = now - begun
@@ -221,12 +222,16 @@ class Link:
         except (LinkError, TimeoutError) as error:
             self.statistics.write_errors += max(len(values), 1)
             self._fail(driver, str(error) or f"write not confirmed within {self._timeout:g} s")
+            self._write_pause = min(max(2.0 * self._write_pause, _WRITE_PAUSE_FIRST), _WRITE_PAUSE_MOST)
+            self._write_from = self._clock.monotonic() + self._write_pause
+            log.warning("writing pauses", source=self.name, seconds=self._write_pause)
             return
         except Exception as error:  # a driver's defect is this link's fault alone
             log.exception("driver failed to write", source=self.name)
             self.statistics.write_errors += max(len(values), 1)
             self._fail(driver, repr(error))
             return
+        self._write_pause = 0.0
         for position, status in statuses.items():
             failed = is_bad(status)
             self.statistics.writes += not failed

@@ -145,6 +145,14 @@ class Image:
         self.source_timestamps[index] = sample.source_timestamp or NO_TIMESTAMP
         self.arrivals[index] = arrival
 
+    def take_over(self, other: "Image", start: int = 0) -> None:
+        """Copy every sample of another image to index `start` and after."""
+        stop = start + len(other)
+        self.values[start:stop] = other.values
+        self.statuses[start:stop] = other.statuses
+        self.source_timestamps[start:stop] = other.source_timestamps
+        self.arrivals[start:stop] = other.arrivals
+
     def sample(self, index: int) -> Sample:
         """One sample out of the arrays."""
         stamp = int(self.source_timestamps[index])

@@ -117,6 +117,25 @@ async def test_of_values_put_while_a_write_is_under_way_only_the_newest_is_writt
     assert len(rig.device.written) <= 2
 
 
+async def test_a_device_that_answers_no_writes_is_written_to_ever_more_rarely_so_that_reading_goes_on():
+    rig = Rig(period=0.1)
+    rig.device.values, rig.device.deaf_to_writes = [7.0], True
+    statuses = []
+
+    def write_in_every_scan(scan):
+        rig.link.put(0, float(scan.number))
+        statuses.append(rig.status("Echo.0"))
+
+    await rig.run(1200, write_in_every_scan)
+    # 120 s: pauses of 1, 2, 4, … 60 s, each after one lost connection, which is back within a second
+    assert 5 <= rig.value("Sources.plc.Reconnects") <= 8
+    assert statuses.count(StatusCode.GOOD) > 0.9 * len(statuses)
+
+    rig.device.deaf_to_writes = False
+    await rig.run(700, lambda scan: rig.link.put(0, 1000.0 + scan.number))
+    assert len(rig.device.written) > 50
+
+
 async def test_a_flapping_link_is_logged_a_few_times_a_minute_with_a_count_of_the_rest():
     rig = Rig(period=0.1)
     with structlog.testing.capture_logs() as lines:

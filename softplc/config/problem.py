@@ -32,8 +32,13 @@ def path_text(path: Path) -> str:
         if isinstance(key, int):
             text += f"[{key}]"
         else:
-            text += f".{shown(key)}" if text else shown(key)
+            text += f".{_key(key)}" if text else _key(key)
     return text or WHOLE_FILE
+
+
+def _key(key: str) -> str:
+    """A key as it is; in quotes where nobody would see it otherwise."""
+    return shown(key) if key.strip() == key != "" else f'"{shown(key)}"'
 
 
 def shown(text: str, most: int = 40) -> str:

@@ -1,5 +1,10 @@
 """Which observers an axis may have: the family's union. A new observer is one file and one name here."""
 
-from softplc.observers.aoi import AoiConfig
+from typing import Annotated
 
-ObserverConfig = AoiConfig
+from pydantic import Field
+
+from softplc.observers.aoi import AoiConfig
+from softplc.observers.fb_kalman import FbKalmanConfig
+
+ObserverConfig = Annotated[AoiConfig | FbKalmanConfig, Field(discriminator="type")]

@@ -74,6 +74,8 @@ _TUNING: Final = (
     Leaf("BleedEnable", "", "Velocity damping near rest", DataType.BOOLEAN),
     Leaf("BleedThresh", "u", "Deviation below which the velocity bleeds"),
     Leaf("BleedFactor", "", "What the velocity is multiplied by in each such scan"),
+    Leaf("Q", "(u/s)2", "Process noise of the velocity, per scan"),
+    Leaf("R", "u2", "Measurement noise, per sample"),
 )
 
 LEAVES: Final = {leaf.name: leaf for leaf in (*_OUTPUTS, *_INPUTS, *_ESTIMATES, *_STATE, *_COMMANDS, *_TUNING)}

@@ -1,6 +1,7 @@
 """A subscription is believed as long as it proves itself by keep-alive, number and state; the newest value counts."""
 
 import asyncio
+import signal
 import time
 from typing import Any
 
@@ -10,6 +11,7 @@ from asyncua import ua
 from softplc.drivers.opcua.driver import OpcUaDriver
 from softplc.errors import LinkError
 from softplc.tags import Image
+from tests.drivers_opcua.conftest import StartPlc
 from tests.drivers_opcua.opened import make_driver, opened, read, read_until
 from tests.drivers_opcua.servers import AsyncuaPlc, NodePlc
 
@@ -58,6 +60,21 @@ async def test_a_value_that_never_changes_stays_good_on_keep_alives_alone(held: 
 
         assert image.statuses[0] == 0
         assert image.arrivals[0] == arrival  # no new evidence, and none is made up
+
+
+async def test_a_silent_server_has_to_answer_before_its_values_count_again(start_plc: StartPlc):
+    plc, patient = start_plc(), {"timeout_ms": 60_000.0, "stale_after_ms": 60_000.0}
+    async with opened(plc.url, [f"{AXIS}.Float"], mode="subscribe", **patient) as driver:
+        image = await read(driver, 1)
+        plc.signal(signal.SIGSTOP)
+        async with asyncio.timeout(20.0):  # a scan whose read does not end has stale values
+            while (await asyncio.wait({reading := asyncio.create_task(driver.read(image))}, timeout=1.0))[0]:
+                await asyncio.sleep(0.01)
+        plc.signal(signal.SIGCONT)
+
+        async with asyncio.timeout(20.0):
+            await reading
+        assert image.statuses[0] == 0
 
 
 async def test_a_subscription_that_fell_silent_on_a_living_server_is_noticed(asyncua_plc: AsyncuaPlc):

@@ -20,7 +20,7 @@ _FLAGS = ("EnableIn", "BleedEnable")
 
 
 def vector_files(precision: str) -> list[Path]:
-    return sorted(VECTORS.glob(f"*_{precision}.csv"))
+    return sorted(VECTORS.glob(f"aoi_*_{precision}.csv"))
 
 
 def read_vector(path: Path) -> tuple[list[AoiInputs], NDArray[np.float64]]:

@@ -1,7 +1,5 @@
 """Whatever a source delivers: nothing that is rejected enters the state, and good samples bring the axis back."""
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,9 +8,9 @@ from hypothesis import strategies as st
 from softplc.observers.aoi import AoiConfig, Bleed
 from softplc.observers.axes import AxisSpec
 from softplc.sample import Reason, StatusCode
-from tests.observers.rig import CONFIG, ESTIMATES, UTC, Rig, make_rig
+from tests.observers.faults import LIMITS, Fault, apply, faults, good
+from tests.observers.rig import CONFIG, ESTIMATES, make_rig
 
-LIMITS = (-1000.0, 1000.0)
 AXES: tuple[tuple[AxisSpec, AoiConfig], ...] = (
     (AxisSpec("A0", range=LIMITS), CONFIG),
     (
@@ -27,72 +25,12 @@ AXES: tuple[tuple[AxisSpec, AoiConfig], ...] = (
 )
 
 
-@dataclass(frozen=True)
-class Fault:
-    """One scan: what each axis reads, and how the clocks behave."""
-
-    z: tuple[float, ...]
-    status: int
-    stamp: int
-    arrival: float
-    dt: float
-    enable: bool
-
-
-_values = st.one_of(
-    st.floats(-1000.0, 1000.0), st.sampled_from([np.nan, np.inf, -np.inf, 1e6, -1e308, 1e308, 1000.0, -0.0, 5e-324])
-)
-_faults = st.builds(
-    Fault,
-    z=st.tuples(_values, _values, _values, _values),
-    status=st.sampled_from(
-        [
-            StatusCode.GOOD,
-            StatusCode.GOOD,
-            StatusCode.GOOD,
-            StatusCode.UNCERTAIN,
-            StatusCode.UNCERTAIN_LAST_USABLE_VALUE,
-            StatusCode.BAD_SENSOR_FAILURE,
-            StatusCode.BAD_NO_COMMUNICATION,
-        ]
-    ),
-    stamp=st.one_of(st.sampled_from([0, UTC, UTC + 10**18, -(2**63), 2**63 - 1]), st.integers(UTC, UTC + 10**10)),
-    arrival=st.one_of(st.floats(90.0, 110.0), st.just(np.nan)),
-    dt=st.sampled_from([0.05, 0.05, 0.05, 0.0, -1.0, np.nan, 1e-9, 10.0]),
-    enable=st.sampled_from([True, True, True, False]),
-)
-
-
-def apply(rig: Rig, fault: Fault) -> None:
-    """One scan; a Bad input has no value, as the image promises."""
-    rig.now += 0.05
-    bad = fault.status >= StatusCode.BAD
-    rig.inputs.values[:] = np.nan if bad else fault.z
-    rig.inputs.statuses[:] = fault.status
-    rig.inputs.source_timestamps[:] = fault.stamp
-    rig.inputs.arrivals[:] = fault.arrival
-    rig.observer.command(rig.table.index("A1.Enable"), float(fault.enable))
-    rig.step(fault.dt)
-
-
-def good(rig: Rig, scans: int) -> None:
-    """Scans of 7.0 with everything in order."""
-    rig.observer.command(rig.table.index("A1.Enable"), 1.0)
-    for k in range(scans):
-        rig.now += 0.05
-        rig.inputs.values[:] = 7.0
-        rig.inputs.statuses[:] = StatusCode.GOOD
-        rig.inputs.source_timestamps[:] = UTC + 2 * 10**10 + k * 50_000_000
-        rig.inputs.arrivals[:] = 200.0 + 0.05 * k
-        rig.step()
-
-
 @pytest.mark.filterwarnings("error")
 @settings(max_examples=100, deadline=None)
-@given(faults=st.lists(_faults, max_size=30))
-def test_after_any_faults_one_good_second_brings_every_axis_back(faults: list[Fault]):
+@given(scans=st.lists(faults(4), max_size=30))
+def test_after_any_faults_one_good_second_brings_every_axis_back(scans: list[Fault]):
     rig = make_rig(*AXES)
-    for fault in faults:
+    for fault in scans:
         apply(rig, fault)
         for axis in range(len(AXES)):
             status, _ = rig.outcome(axis)
@@ -106,11 +44,11 @@ def test_after_any_faults_one_good_second_brings_every_axis_back(faults: list[Fa
 
 
 @settings(max_examples=10, deadline=None)
-@given(faults=st.lists(_faults, min_size=5, max_size=30))
-def test_after_any_faults_an_axis_with_a_range_finds_the_position_again(faults: list[Fault]):
+@given(scans=st.lists(faults(3), min_size=5, max_size=30))
+def test_after_any_faults_an_axis_with_a_range_finds_the_position_again(scans: list[Fault]):
     rig = make_rig(*AXES[:3])
-    for fault in faults:
-        apply(rig, replace(fault, z=fault.z[:3]))
+    for fault in scans:
+        apply(rig, fault)
 
     good(rig, 1200)
 

@@ -9,7 +9,8 @@ from softplc.tags import Image
 
 
 class Device:
-    """What the driver talks to. `reachable` False refuses connections; `silent` never answers; values by position."""
+    """What the driver talks to. `reachable` False refuses connections; `silent` never answers;
+    one that is deaf to writes costs the connection with each. Values by position."""
 
     def __init__(self, clock: Clock, readings: int = 1) -> None:
         self.clock = clock
@@ -18,6 +19,7 @@ class Device:
         self.reachable = True
         self.silent = False
         self.broken = False
+        self.deaf_to_writes = False
         self.written: list[dict[int, float]] = []
         self.write_status = 0
         self.attempts = 0
@@ -55,6 +57,8 @@ class DeviceDriver:
 
     async def write(self, values: Mapping[int, float]) -> dict[int, int]:
         await self._answer()
+        if self._device.deaf_to_writes:
+            raise LinkError("write not confirmed")
         self._device.written.append(dict(values))
         return dict.fromkeys(values, self._device.write_status)
 

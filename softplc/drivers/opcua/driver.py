@@ -1,8 +1,9 @@
 """Reads and writes the variables of one OPC-UA server: one batched Read for each scan, or a subscription.
 
 `mode: poll` asks for all variables in every `read`, so its values and statuses are of this scan.
-`mode: subscribe` keeps an image of the newest values that the server reported; `read` copies it without waiting,
-and raises LinkError when the server gave no sign of life within `stale_after_ms`.
+`mode: subscribe` keeps an image of the newest values that the server reported, and `read` copies it. A value that
+does not change and a server that is gone look alike, so a server that has had nothing to report for PROOF_AFTER has
+to answer for its clock first; and the subscription itself has `stale_after_ms` for a notification or a keep-alive.
 
 The driver does not reconnect: whatever is wrong with the connection is a LinkError, and the next connection is a
 new driver. Of one tag's trouble the connection takes no notice: the tag is Bad and is looked for again every
@@ -11,6 +12,7 @@ REBIND seconds, for a PLC's server may be up before its program is.
 
 import asyncio
 import contextlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -31,6 +33,8 @@ from softplc.tags import Image
 
 REBIND: Final = 5.0
 """Seconds between two attempts to bind the tags that have a problem, and between two looks at the channel's age."""
+PROOF_AFTER: Final = 0.1
+"""Seconds without any notification, or a scan if that is longer, after which `read` asks the server for its clock."""
 SHORTEST_SESSION: Final = 30.0
 """Seconds without a request after which the server may drop the session: short, so that no dead one fills it up."""
 
@@ -74,6 +78,7 @@ class OpcUaDriver:
         self._plan: list[_Batch] = []
         self._subscription: Subscription | None = None
         self._latest = Image(len(readings))
+        self._answered = -math.inf
         self._awaited: set[int] = set()
         self._fault: LinkError | None = None
         self._chores: asyncio.Task[None] | None = None
@@ -117,7 +122,8 @@ class OpcUaDriver:
         self._look_after()
         if self._subscription is not None:
             self._subscription.check()
-            _copy(self._latest, into)
+            await self._prove_life(self._subscription)
+            into.take_over(self._latest)
             return
         for batch in self._plan:
             values = await self._session.read(batch.nodes)
@@ -211,6 +217,13 @@ class OpcUaDriver:
                     self._subscription.news.clear()
         self._subscription.check()
 
+    async def _prove_life(self, subscription: Subscription) -> None:
+        """Wait for an answer from a server that is silent. The link takes no values for current until it came."""
+        silent_since = max(subscription.last_sign, self._answered)
+        if self._clock.monotonic() - silent_since > max(self._period, PROOF_AFTER):
+            await self._session.read([read_value(_server_time().node)])
+            self._answered = self._clock.monotonic()
+
     def _take(self, handle: int, data: ua.DataValue, arrival: float) -> None:
         self._awaited.discard(handle)
         _put(self._readings[handle], data, self._latest, arrival, self._clock.utc_ns())
@@ -261,13 +274,6 @@ def _put(binding: Binding, data: ua.DataValue, into: Image, arrival: float, now:
         into.source_timestamps[position] = now if stamp is None else stamp
         into.arrivals[position] = arrival
     binding.note(status_of(data))
-
-
-def _copy(source: Image, into: Image) -> None:
-    into.values[:] = source.values
-    into.statuses[:] = source.statuses
-    into.source_timestamps[:] = source.source_timestamps
-    into.arrivals[:] = source.arrivals
 
 
 def _write_value(binding: Binding, index: int | None, value: float) -> ua.WriteValue | None:

@@ -102,6 +102,8 @@ AXIS: Final = Frame(
         "q_x": 32,
         "q_x_dot": 34,
         "r_x": 36,
+        "Q": 34,
+        "R": 36,
         "BleedThresh": 38,
         "BleedFactor": 40,
         "Quality": 42,
