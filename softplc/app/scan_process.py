@@ -15,6 +15,7 @@ from softplc.app.notify import Watchdog, watchdog_interval
 from softplc.app.realtime import apply_realtime, freeze_garbage
 from softplc.clock import Clock, SystemClock
 from softplc.config.models import Config
+from softplc.config.remarks import remarks
 from softplc.errors import ConfigError
 from softplc.exchange import Writer
 from softplc.link import Link
@@ -36,6 +37,8 @@ def scan_process(config_json: str, buffer: Any, connection: "Connection[Any, Any
 
 
 async def _scan(config: Config, buffer: Any, connection: "Connection[Any, Any]", stop: asyncio.Event) -> None:
+    for text in remarks(config):
+        log.warning("remark", text=text)
     clock = SystemClock()
     layout = build_layout(config)
     tasks = build_tasks(layout, Writer(buffer, layout.table), clock)

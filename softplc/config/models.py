@@ -132,10 +132,18 @@ class Axis(Model):
     """When no new sample came: take the held value as a measurement, or predict only and publish the prediction."""
     held_after_ms: Annotated[float, Field(ge=0, le=3_600_000)] = 1000.0
     """predict: a value unchanged for so long on a live link is held, and counts as a measurement, ms."""
+    skipped_time: Literal["accumulate", "lose"] = "accumulate"
+    """Time of scans without a usable sample: add it to the next step, or lose it as the AOI's own text does."""
     contact: SourceTag | None = None
     """A Boolean tag, a limit switch or a force, that is not 0 while the axis touches its stop; for ducekf."""
     write_back: tuple[WriteBack, ...] = ()
     """Outputs that are written into a source."""
+
+    @model_validator(mode="after")
+    def _loses_the_time_of_scans(self) -> Self:
+        if self.skipped_time == "lose" and self.dt_source != "scan":
+            raise ValueError(f"skipped_time: lose with dt_source: {self.dt_source}, expected dt_source: scan")
+        return self
 
     @model_validator(mode="after")
     def _writes_what_it_has(self) -> Self:

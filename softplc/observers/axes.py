@@ -1,15 +1,16 @@
 """What every observer shares: the axis as configured, its tags, and its place in the images."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 from softplc.interfaces import Observer
-from softplc.observers.leaves import LEAVES
+from softplc.observers.leaves import LEAVES, Leaf
 from softplc.tags import Block, Role, Tag
 
 DtSource = Literal["scan", "source", "arrival"]
 OnRepeat = Literal["update", "predict"]
+SkippedTime = Literal["accumulate", "lose"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +19,8 @@ class AxisSpec:
 
     `range`: samples outside are rejected. `enable`: the state at start, until a client or an enable tag changes it.
     `held_after`: repetition after which `predict` takes a value as held. `reinit_after`: time without a usable
-    sample, beside the task's period, after which the observer starts anew.
+    sample, beside the task's period, after which the observer starts anew. `skipped_time`: what becomes of the time
+    of scans without a usable sample; `lose` only with `dt_source` scan.
     """
 
     name: str
@@ -30,6 +32,7 @@ class AxisSpec:
     on_repeat: OnRepeat = "update"
     held_after: float = 1.0
     reinit_after: float = 1.0
+    skipped_time: SkippedTime = "accumulate"
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +77,7 @@ class ObserverModel(Protocol):
 
 def leaves_of(observer: ObserverModel) -> tuple[str, ...]:
     """The leaves of an axis' tags in their order: outputs, input, estimates, state, commands, tuning."""
-    state = ("Dt", "Age", "Quality", "Reason", "Enabled", "Enable")
+    state = ("Dt", "Age", "Skipped", "Quality", "Reason", "Enabled", "Enable")
     return ("Position", "Velocity", "Raw", *observer.estimates, *state, *observer.tuning)
 
 
@@ -84,7 +87,8 @@ def axis_tags(spec: AxisSpec, observer: ObserverModel) -> tuple[Tag, ...]:
 
 
 def _tag(spec: AxisSpec, name: str, observer: ObserverModel) -> Tag:
-    leaf = LEAVES[name]
+    variants: Mapping[str, Leaf] = getattr(observer, "variants", {})  # where an option gives a leaf another unit
+    leaf = variants.get(name, LEAVES[name])
     role, limits, writable = Role.DIAGNOSTIC, None, False
     if name in ("Position", "Velocity"):
         role = Role.OUTPUT

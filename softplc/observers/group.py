@@ -80,6 +80,7 @@ class AxisGroup:
 
         tags.row("Raw")[:] = samples.raw
         tags.row("Age")[:] = self._age(scan)
+        tags.row("Skipped")[:] = self.time.skipped
         tags.row("Quality")[:] = quality(samples.status)
         tags.row("Reason")[:] = samples.reason
         tags.row("Enabled")[:] = self.enable.state
@@ -149,6 +150,9 @@ class _Tags:
         tuning = {leaf for tag, leaf in zip(blocks[0].tags, leaves, strict=True) if tag.role is Role.TUNING}
         others = {"Raw", *STATE, *tuning}
         self._estimates = np.array([row for leaf, row in self._rows.items() if leaf not in others], np.intp)
+        self._state = np.array(
+            [row for leaf, row in self._rows.items() if leaf in STATE and leaf != "Enable"], np.intp
+        )
         starts = np.array([block.start for block in blocks], np.intp)
         self._index = starts[np.newaxis, :] + np.arange(len(leaves))[:, np.newaxis]
         adjacent = bool((np.diff(starts) == len(leaves)).all())
@@ -181,8 +185,7 @@ class _Tags:
         self._statuses[rows["Raw"]] = samples.raw_status
         self._stamps[self._estimates] = timestamps
         self._stamps[rows["Raw"]] = samples.timestamps
-        for leaf in ("Age", "Quality", "Reason", "Enabled"):
-            self._stamps[rows[leaf]] = scan.timestamp
+        self._stamps[self._state] = scan.timestamp
         if self._first:  # tuning and Enable carry the time since when they are as they are
             self._stamps[rows["Enable"] :] = scan.timestamp
             self._first = False

@@ -98,7 +98,9 @@ AXIS: Final = Frame(
         "P11": 18,
         "NIS": 20,
         "Dt": 22,
-        "Age": 24,  # 26…31 are kept for estimates to come
+        "Age": 24,  # 26 and 27 are kept for an estimate to come
+        "Rejected": 28,
+        "Skipped": 30,
         "q_x": 32,
         "q_x_dot": 34,
         "r_x": 36,
@@ -117,6 +119,7 @@ AXIS: Final = Frame(
         Derived(48, "Status", _U32, "", "OPC UA StatusCode of the position", Origin.STATUS, "Position"),
     ),
     range(50, 64),
+    frozenset({"min_r", "GateSigma", "GateMost", "BleedOn", "BleedVelocity"}),
 )
 FRAMES: Final = {"task": TASK, "source": SOURCE, "axis": AXIS}
 """Kind of block (`softplc.tags.Block.kind`) → its frame, in order of address."""
