@@ -6,6 +6,7 @@ the correction goes right into the state. Bit-equal to the reference in both pre
 product, no fused multiply-add.
 """
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 Numbers = NDArray[Any]  # float64[n] (LREAL) or float32[n] (REAL)
 Flags = NDArray[np.bool_]
+Step = Callable[..., NDArray[np.uint8]]  # step, or what does the same faster
 
 _PREDICTED = slice(0, 3)  # x_pred, y_res, S: written by every scan with a valid dt
 _CORRECTED = slice(3, 10)  # x_dot_pred, P0..P3, K0, K1: written only when S > 0
