@@ -20,7 +20,7 @@ log = structlog.get_logger(__name__)
 def build_observer(layout: ObserverLayout, choice: KernelChoice, clock: Clock) -> Observer:
     """The observer of these axes, ready for its first scan: what is compiled is compiled here.
 
-    Raises ConfigError when `compiled` is asked for and numba does not load.
+    Where numba does not load, `compiled` is a ConfigError, and `auto` a warning.
     """
     places, configs = layout.places, layout.configs
     wanted = choice == "compiled" or (choice == "auto" and len(places) >= WORTH_COMPILING and available())
@@ -31,11 +31,14 @@ def build_observer(layout: ObserverLayout, choice: KernelChoice, clock: Clock) -
     began = clock.monotonic()
     try:
         from softplc.kernel.compiled import aoi as compiled  # noqa: PLC0415  # imports numba
-    except ImportError as error:
-        raise ConfigError(
-            f"realtime.kernel: compiled needs numba, which does not load ({error}); "
-            "expected numpy, or pip install 'softplc[compiled]'"
-        ) from error
+    except (ImportError, OSError) as error:  # OSError: memory may not be made executable
+        cure = "pip install 'softplc[compiled]'; under systemd see MemoryDenyWriteExecute in docs/observers.md"
+        if choice == "compiled":
+            raise ConfigError(
+                f"realtime.kernel: compiled needs numba, which does not load: {error} ({cure})"
+            ) from error
+        log.warning("kernel not compiled, numpy does its work", reason=str(error), cure=cure)
+        return AoiConfig.build(places, configs)
     from_cache = compiled.prepare("f4" if configs[0].precision == "real" else "f8")
     log.info(
         "compiled kernel ready",

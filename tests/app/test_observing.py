@@ -86,3 +86,27 @@ def test_compiled_without_numba_is_a_configuration_error_with_its_place_and_the_
     assert done.returncode == 78
     assert "realtime.kernel: compiled needs numba, which is not installed here" in done.stdout + done.stderr
     assert "pip install 'softplc[compiled]'" in done.stdout + done.stderr
+
+
+@needs_numba
+def test_where_memory_may_not_be_made_executable_compiled_is_a_configuration_error(tmp_path: Path):
+    code = f"""
+import ctypes, io, sys
+from pathlib import Path
+from softplc.app.replay import replay
+from softplc.errors import ConfigError
+from tests.app.test_observing import settings
+if ctypes.CDLL(None).prctl(65, 1, 0, 0, 0):  # PR_SET_MDWE, as systemd's MemoryDenyWriteExecute
+    sys.exit("no MDWE")
+try:
+    replay(settings(Path({str(tmp_path)!r}), "compiled"), io.StringIO())
+except ConfigError as error:
+    print(error)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=100, check=False
+    )
+    if "no MDWE" in done.stderr:
+        pytest.skip("this kernel is older than Linux 6.3")
+    assert "realtime.kernel: compiled needs numba, which does not load" in done.stdout
+    assert "MemoryDenyWriteExecute" in done.stdout
