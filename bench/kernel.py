@@ -4,8 +4,9 @@
 
 C is bench/kernel.c, compiled here with `cc -O3 -march=native -ffp-contract=off`: the same recursion on the same
 arrays, without any of the AOI's guards, its loop over the scans inside. "per call" is the same, called once for each
-scan through ctypes; "fused" has contraction allowed, and other bits than the PLC. Candidates alternate and the best
-turn of each counts, so that a busy machine disturbs little. What would take a second for a turn is left out: "-".
+scan through ctypes; "fused" has contraction allowed, and other bits than the PLC. Times are CPU times, candidates
+alternate and the best turn of each counts, so that a busy machine disturbs little. What would take too long is left
+out: "-". Of a recording, numpy and all below it take the first samples only.
 """
 
 import argparse
@@ -198,7 +199,7 @@ def same_bits(n: int, c: ctypes.CDLL) -> bool:
 
 
 def measure(candidates: dict[str, Runs], seconds: float, at_most: dict[str, int] | None = None) -> dict[str, float]:
-    """Seconds for each run of each candidate, in the best of its turns, taken alternately for this long in all.
+    """CPU seconds for each run of each candidate, in the best of its turns, taken alternately for this long in all.
 
     A turn is what takes some 5 ms; or with `at_most`, that many runs.
     """
@@ -206,15 +207,15 @@ def measure(candidates: dict[str, Runs], seconds: float, at_most: dict[str, int]
     for name, run in candidates.items():
         if name not in turns:
             run(1)
-            start = time.perf_counter()
+            start = time.thread_time()
             run(1)
-            turns[name] = max(1, round(0.005 / (time.perf_counter() - start)))
+            turns[name] = max(1, round(0.005 / (time.thread_time() - start)))
     best, rounds, end = dict.fromkeys(candidates, np.inf), 0, time.perf_counter() + seconds
     while rounds < 2 or time.perf_counter() < end:
         for name, run in candidates.items():
-            start = time.perf_counter()
+            start = time.thread_time()
             run(turns[name])
-            best[name] = min(best[name], (time.perf_counter() - start) / turns[name])
+            best[name] = min(best[name], (time.thread_time() - start) / turns[name])
         rounds += 1
     return best
 

@@ -68,7 +68,7 @@ class AoiTuning:
     """The tuning inputs of n function blocks as arrays[n] in the precision of the state; `options`: those in use.
 
     To change the tuning, write into an array: putting another in its place raises AttributeError, since others hold
-    the same memory.
+    the same memory. It is that of the rows of `numbers`: q_x, q_x_dot, r_x, BleedThresh, BleedFactor.
     """
 
     def __init__(
@@ -85,22 +85,16 @@ class AoiTuning:
     ) -> None:
         self.options = options
         with np.errstate(all="ignore"):
-            numbers: Numbers = np.stack(
+            self.numbers: Numbers = np.stack(
                 [np.array(one, dtype) for one in (q_x, q_x_dot, r_x, BleedThresh, BleedFactor)]
             )
-        self.q_x, self.q_x_dot, self.r_x, self.BleedThresh, self.BleedFactor = numbers
+        self.q_x, self.q_x_dot, self.r_x, self.BleedThresh, self.BleedFactor = self.numbers
         self.BleedEnable: Flags = np.array(BleedEnable, np.bool_)
 
     def __setattr__(self, name: str, value: object) -> None:
         if hasattr(vars(self).get(name), "dtype"):
             raise AttributeError(f"{name} is one array for good: write into it")
         super().__setattr__(name, value)
-
-    @property
-    def numbers(self) -> Numbers:
-        """The same memory as [5, n]: q_x, q_x_dot, r_x, BleedThresh, BleedFactor."""
-        base: Numbers = self.q_x.base  # the stack that __init__ took the rows from
-        return base
 
 
 class _Scratch:

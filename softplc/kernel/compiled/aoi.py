@@ -48,8 +48,9 @@ def step(
     if tuning.options is not None:
         return batch.step(state, tuning, EnableIn=EnableIn, x=x, dt=dt, rows=rows)
     numbers = state.numbers
-    scan = _scans.get(numbers.itemsize)
-    if scan is None:
+    try:
+        scan = _scans[numbers.itemsize]
+    except KeyError:
         prepare(numbers.dtype)
         scan = _scans[numbers.itemsize]
     try:

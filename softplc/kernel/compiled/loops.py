@@ -29,8 +29,8 @@ FEW = 24  # axes below which a recording is replayed axis by axis
 
 
 @inlined
-def _update(x, d, q_x, q_x_dot, r_x, one, zero, x_pred, x_dot_pred, P0, P1, P2, P3, K0, K1):  # pragma: no cover
-    """Equations (2) to (21): predict, then correct where S > 0. Everything that a scan with a valid dt changes."""
+def _update(x, d, q_x, q_x_dot, r_x, one, x_pred, x_dot_pred, P0, P1, P2, P3):  # pragma: no cover
+    """Equations (2) to (21) of a scan with a valid dt: what is predicted, and what it is corrected to if S > 0."""
     x_pred = x_pred + d * x_dot_pred
     dP3 = d * P3
     x_cov1 = P1 + dP3
@@ -41,27 +41,12 @@ def _update(x, d, q_x, q_x_dot, r_x, one, zero, x_pred, x_dot_pred, P0, P1, P2, 
     y_res = x - x_pred
     S = x_cov0 + r_x
 
-    ok = S > zero
-    gain0 = x_cov0 / S
-    gain1 = x_cov2 / S
-    rest = one - gain0
-    symmetric = rest * x_cov1
-    corrected = x_pred + gain0 * y_res
-    velocity = x_dot_pred + gain1 * y_res
-    variance = x_cov3 - gain1 * x_cov1
-    first = rest * x_cov0
-    return (
-        corrected if ok else x_pred,
-        y_res,
-        S,
-        velocity if ok else x_dot_pred,
-        first if ok else P0,
-        symmetric if ok else P1,
-        symmetric if ok else P2,
-        variance if ok else P3,
-        gain0 if ok else K0,
-        gain1 if ok else K1,
-    )
+    K0 = x_cov0 / S
+    K1 = x_cov2 / S
+    rest = one - K0
+    corrected = x_pred + K0 * y_res
+    x_dot_pred = x_dot_pred + K1 * y_res
+    return x_pred, y_res, S, corrected, x_dot_pred, rest * x_cov0, rest * x_cov1, x_cov3 - K1 * x_cov1, K0, K1
 
 
 @inlined
@@ -105,23 +90,26 @@ def _steady(numbers, tuning, x):  # pragma: no cover
     q_x, q_x_dot, r_x = tuning[Q_X], tuning[Q_X_DOT], tuning[R_X]
     positive = True
     for i in range(numbers.shape[1]):
-        position, e, s, velocity, p0, p1, p2, p3, k0, k1 = _update(
-            real(x[i]), dt_s[i], q_x[i], q_x_dot[i], r_x[i], one, zero, x_pred[i], x_dot_pred[i],
-            P0_[i], P1_[i], P2_[i], P3_[i], K0_[i], K1_[i],
-        )  # fmt: skip
+        v, p0, p1, p2, p3, k0, k1 = x_dot_pred[i], P0_[i], P1_[i], P2_[i], P3_[i], K0_[i], K1_[i]
+        predicted, e, s, corrected, velocity, first, second, third, gain0, gain1 = _update(
+            real(x[i]), dt_s[i], q_x[i], q_x_dot[i], r_x[i], one, x_pred[i], v, p0, p1, p2, p3
+        )
+        ok = s > zero
+        position = corrected if ok else predicted
+        velocity = velocity if ok else v
         x_pred[i] = position
         y[i] = position
         y_res[i] = e
         S_[i] = s
         x_dot_pred[i] = velocity
         y_dot[i] = velocity
-        P0_[i] = p0
-        P1_[i] = p1
-        P2_[i] = p2
-        P3_[i] = p3
-        K0_[i] = k0
-        K1_[i] = k1
-        positive &= s > zero
+        P0_[i] = first if ok else p0
+        P1_[i] = second if ok else p1
+        P2_[i] = second if ok else p2
+        P3_[i] = third if ok else p3
+        K0_[i] = gain0 if ok else k0
+        K1_[i] = gain1 if ok else k1
+        positive &= ok
     return positive
 
 
@@ -159,13 +147,16 @@ def _block(
             K0, K1 = zero, zero
             init, result = True, _INITIALISED
         if dt_s > zero:
-            x_pred, y_res, S, x_dot_pred, P0, P1, P2, P3, K0, K1 = _update(
-                x, dt_s, q_x, q_x_dot, r_x, one, zero, x_pred, x_dot_pred, P0, P1, P2, P3, K0, K1
+            x_pred, y_res, S, corrected, velocity, first, second, third, gain0, gain1 = _update(
+                x, dt_s, q_x, q_x_dot, r_x, one, x_pred, x_dot_pred, P0, P1, P2, P3
             )
-            if not S > zero:
+            if S > zero:
+                x_pred, x_dot_pred, P0, P1, P2, P3 = corrected, velocity, first, second, second, third
+                K0, K1 = gain0, gain1
+                if BleedEnable and abs(x - x_pred) < BleedThresh:
+                    x_dot_pred = x_dot_pred * BleedFactor
+            else:
                 result = _S_NOT_POSITIVE
-            elif BleedEnable and abs(x - x_pred) < BleedThresh:
-                x_dot_pred = x_dot_pred * BleedFactor
             y, y_dot = x_pred, x_dot_pred
         else:
             y, y_dot, result = x, zero, _DT_INVALID
