@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from softplc.kernel import offline
 from softplc.kernel.batch import aoi as batch
 from softplc.kernel.batch.aoi_options import AoiBatchOptions
+from softplc.kernel.batch.fb_kalman import FbKalmanBatchState, FbKalmanTuning
+from softplc.kernel.batch.fb_kalman import step as fb_kalman_step
 from softplc.kernel.compiled import available
 from softplc.kernel.offline import AOI_TRACKS, run, run_aoi
 from softplc.kernel.reference.aoi_options import AoiOptions
@@ -122,6 +124,20 @@ def test_one_axis_may_be_given_and_comes_back_as_a_plain_sequence(backend: offli
 
     assert {name: track.shape for name, track in tracks.items()} == {"y": (3,), "y_dot": (3,), "result": (3,)}
     assert tracks["result"].tolist() == [Result.INITIALISED, Result.UPDATED, Result.UPDATED]
+
+
+def test_any_other_batch_kernel_runs_by_the_same_call():
+    x = np.cumsum(np.random.default_rng(4).normal(size=(50, 2)), axis=0)
+    state, live = FbKalmanBatchState(2, np.float64), FbKalmanBatchState(2, np.float64)
+    tuning = FbKalmanTuning(np.float64, Q=[0.1, 0.2], R=[1.0, 2.0], variant="corrected")
+    every = np.full(2, True)
+
+    tracks = run(fb_kalman_step, state, tuning, x, 0.05, tracks=("y_dot", "y"))
+
+    for t, row in enumerate(x):
+        results = fb_kalman_step(live, tuning, EnableIn=every, x=row, dt=np.full(2, 0.05), rows=every)
+        assert tracks["result"][t].tolist() == results.tolist()
+        assert (tracks["y"][t].tolist(), tracks["y_dot"][t].tolist()) == (live.y.tolist(), live.y_dot.tolist())
 
 
 @BACKENDS
