@@ -136,6 +136,16 @@ def step(
         return tuning.options.step(state, tuning, EnableIn=EnableIn, x=x, dt=dt, rows=rows)
     new = state._scratch
     new.x[:] = x
+    if _all_usual(state, new, EnableIn, dt, rows):
+        _predict(state, new, tuning, state)
+        if state.S.min() > 0.0:  # nothing to choose: correct in place
+            _correct(state, new, tuning, state)
+            np.copyto(state.dt_s, new.dt_s)
+            np.copyto(state.y, state.x_pred)
+            np.copyto(state.y_dot, state.x_dot_pred)
+            new.result.fill(Result.UPDATED)
+            return new.result
+
     new.dt_s[:] = dt
     np.less_equal(new.dt_s, 0.0, out=new.flag)
     np.divide(new.dt_s, 1000.0, out=new.dt_s)
@@ -149,19 +159,25 @@ def step(
     if starting is not None:
         _initialise(state, starting, new.x)
 
-    _predict(state, new, tuning)
+    _predict(state, new, tuning, new)
     np.greater(new.S, 0.0, out=new.ok)
+    _correct(state, new, tuning, new)
     new.result.fill(Result.UPDATED)
-    if new.go.all() and new.ok.all():  # nothing to choose: correct in place
-        _correct(state, new, tuning, state)
-        _commit_steady(state, new)
-    else:
-        _correct(state, new, tuning, new)
-        _commit_some(state, new, rows)
+    _commit(state, new, rows)
     if starting is not None:
         started = new.result[starting]
         new.result[starting] = np.where(started == Result.UPDATED, np.uint8(Result.INITIALISED), started)
     return new.result
+
+
+def _all_usual(state: AoiBatchState, new: _Scratch, EnableIn: Flags, dt: NDArray[Any], rows: Flags) -> bool:
+    """Whether every row is to be stepped, enabled, initialised and has a valid dt; then `new.dt_s` is right."""
+    n = len(state)
+    if n == 0 or any(np.count_nonzero(flags) < n for flags in (rows, EnableIn, state.init)):
+        return False
+    new.dt_s[:] = dt
+    np.divide(new.dt_s, 1000.0, out=new.dt_s)
+    return bool(new.dt_s.min() > 0.0)  # NaN is not
 
 
 def _initialise(state: AoiBatchState, rows: NDArray[np.intp], x: Numbers) -> None:
@@ -177,14 +193,14 @@ def _initialise(state: AoiBatchState, rows: NDArray[np.intp], x: Numbers) -> Non
     state.init[rows] = True
 
 
-def _predict(state: AoiBatchState, new: _Scratch, tuning: AoiTuning) -> None:
-    """Equations (2) to (12) and (17), into the scratch buffers."""
+def _predict(state: AoiBatchState, new: _Scratch, tuning: AoiTuning, out: "AoiBatchState | _Scratch") -> None:
+    """Equations (2) to (12) and (17), into the scratch buffers; y_res and S into the rows of `out`."""
     _propagate(state, new)
     x_cov0, _, _, x_cov3 = new.x_cov
     np.add(x_cov0, tuning.q_x, out=x_cov0)
     np.add(state.P3, tuning.q_x_dot, out=x_cov3)
-    np.subtract(new.x, new.x_pred, out=new.y_res)
-    np.add(x_cov0, tuning.r_x, out=new.S)
+    np.subtract(new.x, new.x_pred, out=out.y_res)
+    np.add(x_cov0, tuning.r_x, out=out.S)
 
 
 def _propagate(state: AoiBatchState, new: _Scratch) -> None:
@@ -209,15 +225,15 @@ def _correct(state: AoiBatchState, new: _Scratch, tuning: AoiTuning, out: "AoiBa
     a, b = new.a, new.b
     x_cov0, x_cov1, x_cov2, x_cov3 = new.x_cov
 
-    np.divide(x_cov0, new.S, out=out.K0)
-    np.divide(x_cov2, new.S, out=out.K1)
+    np.divide(x_cov0, out.S, out=out.K0)
+    np.divide(x_cov2, out.S, out=out.K1)
 
-    np.multiply(out.K0, new.y_res, out=a)
+    np.multiply(out.K0, out.y_res, out=a)
     if out is state:
         np.add(new.x_pred, a, out=out.x_pred)
     else:
         np.add(new.x_pred, a, out=out.x_pred, where=new.ok)
-    np.multiply(out.K1, new.y_res, out=a)
+    np.multiply(out.K1, out.y_res, out=a)
     np.add(state.x_dot_pred, a, out=out.x_dot_pred)
 
     if tuning.BleedEnable.any():
@@ -235,16 +251,7 @@ def _correct(state: AoiBatchState, new: _Scratch, tuning: AoiTuning, out: "AoiBa
     np.subtract(x_cov3, b, out=out.P3)
 
 
-def _commit_steady(state: AoiBatchState, new: _Scratch) -> None:
-    """Every row predicted and corrected; the correction is in the state already."""
-    np.copyto(state.dt_s, new.dt_s)
-    np.copyto(state.y_res, new.y_res)
-    np.copyto(state.S, new.S)
-    np.copyto(state.y, state.x_pred)
-    np.copyto(state.y_dot, state.x_dot_pred)
-
-
-def _commit_some(state: AoiBatchState, new: _Scratch, rows: Flags) -> None:
+def _commit(state: AoiBatchState, new: _Scratch, rows: Flags) -> None:
     """Some rows are disabled, have an invalid dt or S, or are not to be stepped at all."""
     go, run = new.go, new.run
     np.copyto(state.dt_s, new.dt_s, where=run)
