@@ -11,7 +11,9 @@ out: "-". Of a recording, numpy and all below it take the first samples only.
 
 import argparse
 import ctypes
+import shutil
 import subprocess
+import sys
 import tempfile
 import time
 import warnings
@@ -305,6 +307,8 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="less of everything, in less than 20 s")
     quick = parser.parse_args().quick
     warnings.simplefilter("ignore")
+    if shutil.which("cc") is None:
+        sys.exit("bench/kernel.py compares with C and finds no compiler called cc; try: sudo apt install gcc")
     numbers = (1, 100, 1000) if quick else (1, 100, 1000, 10_000, 100_000)
     with tempfile.TemporaryDirectory() as folder:
         c, fused = compiled_c(Path(folder), "-ffp-contract=off"), compiled_c(Path(folder), "-ffp-contract=fast")
