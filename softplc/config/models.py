@@ -2,12 +2,13 @@
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from softplc.drivers.modbus.config import ModbusSource, ModbusTag
 from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
 from softplc.drivers.replay import ReplaySource, ReplayTag
+from softplc.kernel.compiled import available
 from softplc.model import Model, Name
 from softplc.observers.config import ObserverConfig
 from softplc.observers.leaves import ESTIMATES
@@ -165,6 +166,9 @@ class Axis(Model):
         return self
 
 
+KernelChoice = Literal["auto", "numpy", "compiled"]
+
+
 class RealTime(Model):
     """Options of the scan process that may need permission; one that is refused is a warning and nothing more."""
 
@@ -176,6 +180,19 @@ class RealTime(Model):
     """mlockall: no page of the scan process is swapped out (CAP_IPC_LOCK)."""
     gc_freeze: bool = True
     """Take what exists at start out of the garbage collector's sight."""
+    kernel: KernelChoice = "auto"
+    """How the AOI computes, with the same bits either way. compiled needs the extra of that name and compiles before
+    the first scan; auto does so from 10 000 axes in one task, where it is installed."""
+
+    @field_validator("kernel")
+    @classmethod
+    def _is_installed(cls, kernel: KernelChoice) -> KernelChoice:
+        if kernel == "compiled" and not available():
+            raise ValueError(
+                "compiled needs numba, which is not installed here, expected auto or numpy, "
+                "or: pip install 'softplc[compiled]'"
+            )
+        return kernel
 
 
 class Log(Model):

@@ -168,21 +168,22 @@ class AoiConfig(Model):
         return tuple(texts)
 
     @staticmethod
-    def build(places: Sequence[AxisPlace], configs: Sequence["AoiConfig"]) -> Observer:
-        """One observer that steps all these axes; `configs` has one entry for each place.
+    def build(places: Sequence[AxisPlace], configs: Sequence["AoiConfig"], step: batch.Step = batch.step) -> Observer:
+        """One observer that steps all these axes; `configs` has one entry for each place. `step` may be compiled.
 
         Raises ValueError when the configurations differ in their `group_key`, or the axes' blocks in their tags.
         """
         if len(places) != len(configs) or len({config.group_key for config in configs}) != 1:
             raise ValueError("expected one configuration for each axis, all with the same group_key")
-        kernel = AoiKernel(configs)
+        kernel = AoiKernel(configs, step)
         return AxisObserver(places, kernel.dtype, kernel)
 
 
 class AoiKernel:
     """The AOI of n axes of the same precision."""
 
-    def __init__(self, configs: Sequence[AoiConfig]) -> None:
+    def __init__(self, configs: Sequence[AoiConfig], step: batch.Step = batch.step) -> None:
+        self._step = step
         self.dtype = np.dtype(np.float32 if configs[0].precision == "real" else np.float64)
         bleeds = [config.bleed for config in configs]
         chosen = [config.options for config in configs]
@@ -244,7 +245,7 @@ class AoiKernel:
         """One scan; the AOI takes its time step in milliseconds."""
         state = self._state
         np.multiply(given.dt, 1000.0, out=self._dt_ms)
-        results = batch.step(state, self._tuning, EnableIn=given.enable, x=given.z, dt=self._dt_ms, rows=given.rows)
+        results = self._step(state, self._tuning, EnableIn=given.enable, x=given.z, dt=self._dt_ms, rows=given.rows)
         if self._absolute is not None:
             np.add(state.offset, state.y, out=self._absolute)
         return results

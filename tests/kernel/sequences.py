@@ -73,7 +73,7 @@ def tuning_of(inputs: Sequence[AoiInputs], precision: str) -> batch.AoiTuning:
 
 
 def run_batch(
-    sequences: Sequence[Sequence[AoiInputs]], precision: str
+    sequences: Sequence[Sequence[AoiInputs]], precision: str, step: Any = batch.step
 ) -> tuple[list[NDArray[np.float64]], list[list[Result]]]:
     """Several sequences as rows of one batch; a row whose sequence has ended is stepped no more."""
     n = len(sequences)
@@ -83,7 +83,7 @@ def run_batch(
     for k in range(max(map(len, sequences))):
         scans = [one[min(k, len(one) - 1)] for one in sequences]
         rows = np.array([k < len(one) for one in sequences])
-        codes = batch.step(
+        codes = step(
             state,
             tuning_of(scans, precision),
             EnableIn=np.array([scan.EnableIn for scan in scans]),

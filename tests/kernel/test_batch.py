@@ -127,3 +127,12 @@ def test_real_state_is_single_precision_throughout():
     step(state, AoiInputs(True, 0.1, 50.0, 0.01, 0.1, 1.0), [0.1])
 
     assert {getattr(state, name).dtype for name in OUTPUTS if name != "init"} == {np.dtype(np.float32)}
+
+
+def test_tuning_changes_by_writing_into_its_arrays_and_never_by_putting_another_in_place():
+    tuning = tuning_of([AoiInputs(True, 0.0, 50.0, 0.01, 0.1, 1.0, True, 2.0, 0.5)] * 2, "lreal")
+    tuning.r_x[1] = 4.0
+
+    assert tuning.numbers[:, 1].tolist() == [0.01, 0.1, 4.0, 2.0, 0.5]
+    with pytest.raises(AttributeError, match="r_x is one array for good: write into it"):
+        tuning.r_x = np.ones(2)
