@@ -21,8 +21,8 @@ _replays: dict[int, Any] = {}
 def prepare(dtype: DTypeLike) -> bool:
     """Make `step` ready for states of this precision; False when that meant compiling, which takes seconds.
 
-    A step without it does the same. Ready is ready: True at once. From the cache of an earlier process: a tenth of
-    a second.
+    A step without it does the same. Ready is ready: True at once. From the cache of an earlier process: less
+    than a second.
     """
     wanted = np.dtype(dtype)
     cached = True
