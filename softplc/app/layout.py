@@ -91,6 +91,7 @@ def axis_spec(axis: Axis) -> AxisSpec:
         dt_source=axis.dt_source,
         on_repeat=axis.on_repeat,
         held_after=axis.held_after_ms / 1000.0,
+        skipped_time=axis.skipped_time,
         tuning_writable=axis.writable_tuning,
         consistency=axis.window,
         shadow=axis.shadow.quantities if axis.shadow else (),

@@ -2,12 +2,13 @@
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from softplc.drivers.modbus.config import ModbusSource, ModbusTag
 from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
 from softplc.drivers.replay import ReplaySource, ReplayTag
+from softplc.kernel.compiled import available
 from softplc.model import Model, Name
 from softplc.observers.config import ObserverConfig
 from softplc.observers.consistency import NEEDS, consistency_leaves
@@ -188,6 +189,8 @@ class Axis(Model):
     """When no new sample came: take the held value as a measurement, or predict only and publish the prediction."""
     held_after_ms: Annotated[float, Field(ge=0, le=3_600_000)] = 1000.0
     """predict: a value unchanged for so long on a live link is held, and counts as a measurement, ms."""
+    skipped_time: Literal["accumulate", "lose"] = "accumulate"
+    """Time of scans without a usable sample: add it to the next step, or lose it as the AOI's own text does."""
     contact: SourceTag | None = None
     """A Boolean tag, a limit switch or a force, that is not 0 while the axis touches its stop; for ducekf."""
     writable_tuning: bool = False
@@ -206,6 +209,12 @@ class Axis(Model):
             raise ValueError(
                 f"consistency of observer {self.observer.type}, which estimates no innovation, expected none"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _loses_the_time_of_scans(self) -> Self:
+        if self.skipped_time == "lose" and self.dt_source != "scan":
+            raise ValueError(f"skipped_time: lose with dt_source: {self.dt_source}, expected dt_source: scan")
         return self
 
     @model_validator(mode="after")
@@ -240,6 +249,9 @@ class Axis(Model):
         return chosen.window, chosen.lags
 
 
+KernelChoice = Literal["auto", "numpy", "compiled"]
+
+
 class RealTime(Model):
     """Options of the scan process that may need permission; one that is refused is a warning and nothing more."""
 
@@ -251,6 +263,19 @@ class RealTime(Model):
     """mlockall: no page of the scan process is swapped out (CAP_IPC_LOCK)."""
     gc_freeze: bool = True
     """Take what exists at start out of the garbage collector's sight."""
+    kernel: KernelChoice = "auto"
+    """How the AOI computes, with the same bits either way. compiled needs the extra of that name and compiles before
+    the first scan; auto does so from 10 000 axes in one task, where it is installed."""
+
+    @field_validator("kernel")
+    @classmethod
+    def _is_installed(cls, kernel: KernelChoice) -> KernelChoice:
+        if kernel == "compiled" and not available():
+            raise ValueError(
+                "compiled needs numba, which is not installed here, expected auto or numpy, "
+                "or: pip install 'softplc[compiled]'"
+            )
+        return kernel
 
 
 class Log(Model):

@@ -13,6 +13,7 @@ from softplc.tags import Block, DataType, Role, Tag
 
 DtSource = Literal["scan", "source", "arrival"]
 OnRepeat = Literal["update", "predict"]
+SkippedTime = Literal["accumulate", "lose"]
 
 _REAL_MAX: Final = float(np.finfo(np.float32).max)
 _REAL_TINY: Final = float(np.finfo(np.float32).tiny)
@@ -24,7 +25,8 @@ class AxisSpec:
 
     `range`: samples outside are rejected. `enable`: the state at start, until a client or an enable tag changes it.
     `held_after`: repetition after which `predict` takes a value as held. `reinit_after`: time without a usable
-    sample, beside the task's period, after which the observer starts anew. `tuning_writable`: clients may write the
+    sample, beside the task's period, after which the observer starts anew. `skipped_time`: what becomes of the time
+    of scans without a usable sample; `lose` only with `dt_source` scan. `tuning_writable`: clients may write the
     tuning. `consistency`: window and lags of the consistency tags, None for none. `shadow`: which of position and
     velocity the PLC estimates itself; `shadow_settling`: time after a start before their largest differences count.
     """
@@ -38,6 +40,7 @@ class AxisSpec:
     on_repeat: OnRepeat = "update"
     held_after: float = 1.0
     reinit_after: float = 1.0
+    skipped_time: SkippedTime = "accumulate"
     tuning_writable: bool = False
     consistency: tuple[int, int] | None = None
     shadow: tuple[Literal["position", "velocity"], ...] = ()
@@ -92,7 +95,7 @@ def leaves_of(spec: AxisSpec, observer: ObserverModel) -> tuple[str, ...]:
     judged = consistency_leaves(observer.estimates) if spec.consistency else ()
     for quantity in spec.shadow:
         judged += (f"{quantity.capitalize()}Delta", f"{quantity.capitalize()}DeltaMax")
-    state = ("Dt", "Age", "Quality", "Reason", "Enabled", *COMMANDS)
+    state = ("Dt", "Age", "Skipped", "Quality", "Reason", "Enabled", *COMMANDS)
     return ("Position", "Velocity", "Raw", *observer.estimates, *judged, *state, *observer.tuning)
 
 
@@ -102,7 +105,8 @@ def axis_tags(spec: AxisSpec, observer: ObserverModel) -> tuple[Tag, ...]:
 
 
 def _tag(spec: AxisSpec, name: str, observer: ObserverModel) -> Tag:
-    leaf = LEAVES[name]
+    variants: Mapping[str, Leaf] = getattr(observer, "variants", {})  # where an option gives a leaf another unit
+    leaf = variants.get(name, LEAVES[name])
     role, span, limits, writable = Role.DIAGNOSTIC, None, None, False
     if name in ("Position", "Velocity"):
         role = Role.OUTPUT

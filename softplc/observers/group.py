@@ -51,6 +51,7 @@ class AxisGroup:
         self._contacts = [(row, place.contact) for row, place in enumerate(places) if place.contact is not None]
         self.given = Given(self.enable.state, self.samples.z, self.time.dt, self.time.rows, np.full(n, np.nan))
         self._has_values = np.zeros(n, np.bool_)
+        self._rejected = np.zeros(n, np.bool_)  # the last sample that was stepped
         self._arrivals = np.full(n, np.nan)  # newest ever
         self._started = np.nan
         for leaf, values in kernel.tuning.items():
@@ -112,6 +113,8 @@ class AxisGroup:
             self._take_some(finite)
         if not usual or results.any():
             self._explain(results, finite)
+        else:
+            self._rejected.fill(False)
 
         if "NIS" in tags:
             innovation, S, nis = tags.row("Innovation"), tags.row("S"), tags.row("NIS")
@@ -128,6 +131,7 @@ class AxisGroup:
 
         tags.row("Raw")[:] = samples.raw
         tags.row("Age")[:] = self._age(scan)
+        tags.row("Skipped")[:] = self.time.skipped
         tags.row("Quality")[:] = quality(samples.status)
         tags.row("Reason")[:] = samples.reason
         tags.row("Enabled")[:] = tags.row("Enable")[:] = self.enable.state
@@ -163,6 +167,9 @@ class AxisGroup:
         if "S" in self._tags:  # what is carried on may stem from a skipped update
             stuck = predicted & ~(self._tags.row("S") > 0.0)
             samples.status[stuck], samples.reason[stuck] = _OUTCOME[Result.S_NOT_POSITIVE]
+        np.copyto(self._rejected, results == Result.REJECTED, where=self.time.rows)
+        again = predicted & self._rejected  # a rejected sample is no better for being repeated
+        samples.status[again], samples.reason[again] = _OUTCOME[Result.REJECTED]
 
         lost = self.time.rows & ~finite
         if lost.any():

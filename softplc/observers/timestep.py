@@ -21,7 +21,8 @@ class TimeStep:
 
     `dt`: the step where `rows` is true, the time to predict over where `predict` is true. `rows`: the observer
     takes this sample (or passes it through, where it is disabled). `predict`: it does not, and what is published
-    is the state carried on to now. `timestamps`: source timestamp of the newest used sample, ns.
+    is the state carried on to now. `timestamps`: source timestamp of the newest used sample, ns. `skipped`: scans
+    since start in which an enabled axis had no usable sample or no time went by.
     """
 
     def __init__(self, places: Sequence[AxisPlace]) -> None:
@@ -31,6 +32,7 @@ class TimeStep:
         self._may_predict = np.array([spec.on_repeat == "predict" for spec in specs])
         self._held_after = np.array([spec.held_after for spec in specs])
         self._reinit_after = np.array([spec.reinit_after for spec in specs])
+        self._loses = np.array([spec.skipped_time == "lose" for spec in specs])
         self._by_scan_only = not (self._by_stamp.any() or self._may_predict.any())
 
         self._pending = np.zeros(n)  # measured time since the last step
@@ -43,6 +45,7 @@ class TimeStep:
         self._flag: Flags = np.zeros(n, np.bool_)
         self._running: Flags = np.zeros(n, np.bool_)
 
+        self.skipped = np.zeros(n, np.int64)
         self.timestamps = np.zeros(n, np.int64)
         self.dt = np.zeros(n)
         self.rows: Flags = np.zeros(n, np.bool_)
@@ -87,11 +90,18 @@ class TimeStep:
         if of_the_plc is not None:
             self._follow(of_the_plc, running, enabled)
 
+        if not elapsed > 0.0 or not usable.all():
+            self._skip(elapsed, usable, enabled)
         np.copyto(self._pending, 0.0, where=self.rows)
         np.copyto(self._unseen, 0.0, where=usable)
         np.copyto(self.timestamps, samples.timestamps, where=usable)
         np.copyto(self._z, samples.z, where=usable)
         np.copyto(self._arrivals, samples.arrivals, where=usable)
+
+    def _skip(self, elapsed: float, usable: Flags, enabled: Flags) -> None:
+        """Count what is skipped, and forget its time where the axis is to lose it as the AOI's own text does."""
+        self.skipped += enabled & ~usable if elapsed > 0.0 else enabled
+        np.copyto(self._pending, 0.0, where=self._loses & ~usable)
 
     def _measure(self, scan: Scan, elapsed: float, samples: Judgement) -> None:
         """`dt` and `predict` of running axes where timestamps or repeated samples matter."""

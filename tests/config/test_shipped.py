@@ -12,6 +12,7 @@ from softplc.app.demo import PORTS, demo_config
 from softplc.config import schema
 from softplc.config.load import load
 from softplc.config.models import Config, WritableEnable
+from softplc.config.remarks import remarks
 from softplc.drivers.modbus.config import ModbusSource, ModbusTag
 from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
 
@@ -102,6 +103,11 @@ def test_demo_is_the_experiment_of_the_paper_over_both_protocols() -> None:
 
 def test_demo_is_what_the_demo_command_runs() -> None:
     assert load(FOLDER / "demo.yaml") == demo_config(PORTS)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_shipped_file_gives_no_cause_for_remarks(name: str) -> None:
+    assert remarks(load(FOLDER / name)) == []
 
 
 def test_plant_shows_most_of_what_can_be_configured() -> None:

@@ -99,19 +99,24 @@ AXIS: Final = Frame(
         "NIS": 20,
         "Dt": 22,
         "Age": 24,
+        # 26: what one observer estimates beside the others
         "Acceleration": 26,
         "Cutoff": 26,
         "Impacts": 26,
         "NISMean": 28,
         "Outside": 30,
+        # 32…41 and 46: tuning; an axis has one observer, so each may use them all
         "q_x": 32,
         "q_x_dot": 34,
         "r_x": 36,
+        "BleedThresh": 38,
+        "BleedFactor": 40,
+        "BleedEnable": 46,
         "Q": 34,
         "R": 36,
-        "BleedThresh": 38,
         "Band": 38,
-        "BleedFactor": 40,
+        "Restitution": 40,
+        "Contact": 46,
         "q_x_ddot": 38,
         "q_jerk": 32,
         "window": 32,
@@ -123,13 +128,12 @@ AXIS: Final = Frame(
         "min_cutoff": 32,
         "cutoff_slope": 34,
         "d_cutoff": 36,
-        "Restitution": 40,
+        # state and commands
         "Quality": 42,
         "Reason": 43,
         "Enabled": 44,
         "Enable": 45,
-        "BleedEnable": 46,
-        "Contact": 46,
+        # consistency, shadow, innovation gate
         "Autocorrelation": 50,
         "PositionDelta": 52,
         "VelocityDelta": 54,
@@ -144,21 +148,9 @@ AXIS: Final = Frame(
     ),
     range(50, 64),
     frozenset(
-        {
-            "AutocorrelationMax",
-            "AutocorrelationLimit",
-            "NISLow",
-            "NISHigh",
-            "MinEigenvalue",
-            "CovarianceValid",
-            "K2",
-            "P02",
-            "P12",
-            "P22",
-            "LowerStop",
-            "UpperStop",
-            "Reset",
-        }
+        {"K2", "P02", "P12", "P22", "LowerStop", "UpperStop", "Skipped", "Reset"}
+        | {"min_r", "GateSigma", "GateMost", "BleedOn", "BleedVelocity"}
+        | {"NISLow", "NISHigh", "AutocorrelationMax", "AutocorrelationLimit", "MinEigenvalue", "CovarianceValid"}
     ),
 )
 FRAMES: Final = {"task": TASK, "source": SOURCE, "axis": AXIS}
