@@ -112,6 +112,7 @@ _FROM_ZERO: Final = (0.0, sys.float_info.max)
 _ABOVE_ZERO: Final = (sys.float_info.min, sys.float_info.max)
 _FACTOR: Final = (sys.float_info.min, math.nextafter(1.0, 0.0))
 _YES_NO: Final = (0.0, 1.0)
+_COUNT: Final = (0.0, 65535.0)
 _TUNING: Final = (
     Leaf("q_x", "u2", "Process noise of the position, per scan", limits=_FROM_ZERO),
     Leaf("q_x_dot", "(u/s)2", "Process noise of the velocity, per scan", limits=_FROM_ZERO),
@@ -123,11 +124,23 @@ _TUNING: Final = (
     Leaf("R", "u2", "Measurement noise, per sample", limits=_ABOVE_ZERO),
     Leaf("q_x_ddot", "(u/s2)2", "Process noise of the acceleration, per scan", limits=_FROM_ZERO),
     Leaf("q_jerk", "u2/s5", "Spectral density of the white jerk", limits=_FROM_ZERO),
-    Leaf("min_r", "u2", "Least measurement noise that is used, per sample"),
-    Leaf("GateSigma", "", "Innovation beyond so many times √S is rejected"),
-    Leaf("GateMost", "", "So many rejected samples in a row; the next one starts the observer anew", DataType.UINT16),
-    Leaf("BleedOn", "", "Deviation that the threshold is for: 0 after the correction, 1 innovation", DataType.UINT16),
-    Leaf("BleedVelocity", "u/s", "Speed below which the velocity may bleed"),
+    Leaf("min_r", "u2", "Least measurement noise that is used, per sample", limits=_ABOVE_ZERO),
+    Leaf("GateSigma", "", "Innovation beyond so many times √S is rejected", limits=_ABOVE_ZERO),
+    Leaf(
+        "GateMost",
+        "",
+        "So many rejected samples in a row; the next one starts the observer anew",
+        DataType.UINT16,
+        limits=(0.0, 65535.0),
+    ),
+    Leaf(
+        "BleedOn",
+        "",
+        "Deviation that the threshold is for: 0 after the correction, 1 innovation",
+        DataType.UINT16,
+        limits=_YES_NO,
+    ),
+    Leaf("BleedVelocity", "u/s", "Speed below which the velocity may bleed", limits=_ABOVE_ZERO),
     Leaf("Band", "u", "Width of the activation band at a stop"),
     Leaf("Restitution", "", "What an impact leaves of the speed, reversed", limits=(0.0, 10.0)),
     Leaf("LowerStop", "u", "Position of the lower stop"),

@@ -7,6 +7,7 @@ import pytest
 
 from softplc.kernel.diagnosis import Diagnosis
 from softplc.observers.aoi import AoiConfig, Bleed
+from softplc.observers.aoi_options import Gate
 from softplc.observers.axes import AxisSpec, axis_tags
 from softplc.observers.leaves import LEAVES
 from softplc.sample import Reason, StatusCode
@@ -230,3 +231,17 @@ def test_reset_frees_an_axis_whose_innovation_variance_is_stuck():
     rig.scan(3.0)
     rig.scan(3.0)
     assert rig.outcome() == (StatusCode.GOOD, Reason.NONE)
+
+
+def test_options_of_the_aoi_are_tuned_on_the_fly_as_well():
+    config = AoiConfig(type="aoi", r_x=1.0, min_r=0.5, gate=Gate(sigma=3.0, most_in_a_row=2))
+    rig = make_rig((SPEC, config))
+    for k in range(40):
+        rig.scan(0.1 * (k % 2))
+    assert write(rig, "GateMost", 3.0)
+    assert not write(rig, "GateMost", 2.5)
+    assert not write(rig, "min_r", 0.0)
+    assert write(rig, "GateSigma", 1000.0)
+    rig.scan(50.0)
+    assert rig.outcome() == (StatusCode.GOOD, Reason.NONE)  # let in: the gate was opened
+    assert [rig.get(leaf) for leaf in ("GateSigma", "GateMost", "min_r", "Rejected")] == [1000.0, 3.0, 0.5, 0.0]
