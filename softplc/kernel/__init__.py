@@ -25,6 +25,8 @@ A recording in one call, any number of axes side by side, bit-equal to the scala
 | `softplc.kernel.offline` | `run` takes a recording through any batch kernel |
 """
 
+from softplc.kernel.batch.adaptive import AdaptiveBatchState
+from softplc.kernel.batch.adaptive_hypotheses import AdaptiveTuning
 from softplc.kernel.batch.alpha_beta import AlphaBetaBatchState, AlphaBetaTuning
 from softplc.kernel.batch.aoi import AoiBatchState, AoiTuning
 from softplc.kernel.batch.aoi_options import AoiBatchOptions
@@ -38,6 +40,7 @@ from softplc.kernel.batch.finite_difference import FiniteDifferenceBatchState, F
 from softplc.kernel.batch.moving_average import MovingAverageBatchState, MovingAverageTuning
 from softplc.kernel.batch.one_euro import OneEuroBatchState, OneEuroTuning
 from softplc.kernel.offline import run, run_aoi
+from softplc.kernel.reference.adaptive import AdaptiveInputs, AdaptiveState, adaptive
 from softplc.kernel.reference.alpha_beta import AlphaBetaInputs, AlphaBetaState, alpha_beta_lreal, alpha_beta_real
 from softplc.kernel.reference.aoi import AoiInputs, AoiState, aoi_lreal, aoi_real
 from softplc.kernel.reference.aoi_options import AoiOptions, AoiOptionsState, aoi_options_lreal, aoi_options_real
@@ -65,6 +68,10 @@ from softplc.kernel.result import Result
 from softplc.kernel.steady import steady_gains
 
 __all__ = [
+    "AdaptiveBatchState",
+    "AdaptiveInputs",
+    "AdaptiveState",
+    "AdaptiveTuning",
     "AlphaBetaBatchState",
     "AlphaBetaInputs",
     "AlphaBetaState",
@@ -112,6 +119,7 @@ __all__ = [
     "PlantRule",
     "PlantState",
     "Result",
+    "adaptive",
     "alpha_beta_lreal",
     "alpha_beta_real",
     "aoi_lreal",

@@ -4,6 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from softplc.observers.adaptive import AdaptiveConfig
 from softplc.observers.alpha_beta import AlphaBetaConfig
 from softplc.observers.aoi import AoiConfig
 from softplc.observers.cv_accel import CvAccelConfig
@@ -15,7 +16,8 @@ from softplc.observers.moving_average import MovingAverageConfig
 from softplc.observers.one_euro import OneEuroConfig
 
 ObserverConfig = Annotated[
-    AlphaBetaConfig
+    AdaptiveConfig
+    | AlphaBetaConfig
     | AoiConfig
     | CvAccelConfig
     | DerivativeConfig

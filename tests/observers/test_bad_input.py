@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from softplc.observers.adaptive import AdaptiveConfig
 from softplc.observers.alpha_beta import AlphaBetaConfig
 from softplc.observers.aoi import AoiConfig, Bleed
 from softplc.observers.axes import AxisSpec, ObserverModel
@@ -39,6 +40,7 @@ OBSERVERS: dict[str, ObserverModel] = {
     "alpha_beta": AlphaBetaConfig(type="alpha_beta", alpha=0.5, beta=0.1),
     "one_euro": OneEuroConfig(type="one_euro", beta=0.1),
     "cv_accel": CvAccelConfig(type="cv_accel", q_x_ddot=10.0, r_x=1.0),
+    "adaptive": AdaptiveConfig(type="adaptive", r_x=1.0, top_speed=10.0, top_acceleration=50.0),
     "ducekf": DucekfConfig(
         type="ducekf", model=EndStops(type="end_stops", lower=-100.0), contact_from="position", r_x=0.01
     ),

@@ -117,6 +117,8 @@ AXIS: Final = Frame(
         "Band": 38,
         "Restitution": 40,
         "Contact": 46,
+        "top_speed": 32,
+        "top_acceleration": 34,
         "q_x_ddot": 38,
         "q_jerk": 32,
         "window": 32,
@@ -150,6 +152,7 @@ AXIS: Final = Frame(
     frozenset(
         {"K2", "P02", "P12", "P22", "LowerStop", "UpperStop", "Skipped", "Reset"}
         | {"min_r", "GateSigma", "GateMost", "BleedOn", "BleedVelocity"}
+        | {"HoldProbability", "CruiseProbability", "ManoeuvreProbability"}
         | {"NISLow", "NISHigh", "AutocorrelationMax", "AutocorrelationLimit", "MinEigenvalue", "CovarianceValid"}
     ),
 )
