@@ -303,6 +303,10 @@ class Config(Model):
     log: Log = Log()
     """What is logged and how."""
 
+    def as_json(self) -> str:
+        """What the file sets, for another process; defaults are left out, for a model may refuse an unused key."""
+        return self.model_dump_json(exclude_unset=True)
+
     def task_of(self, axis: Axis) -> Task:
         """The task that scans an axis. Raises StopIteration when load() did not check the name."""
         return self.tasks[0] if axis.task is None else next(task for task in self.tasks if task.name == axis.task)
