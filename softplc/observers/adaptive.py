@@ -11,8 +11,8 @@ from softplc.interfaces import Observer
 from softplc.kernel.batch import adaptive as batch
 from softplc.kernel.result import Result
 from softplc.model import Model
-from softplc.observers.axes import AxisPlace
-from softplc.observers.kernel import Flags, Given, Numbers
+from softplc.observers.axes import AxisPlace, require_one_group
+from softplc.observers.kernel import Given, Numbers, StateKernel
 from softplc.observers.observer import AxisObserver
 
 
@@ -58,14 +58,13 @@ class AdaptiveConfig(Model):
     def build(places: Sequence[AxisPlace], configs: Sequence["AdaptiveConfig"]) -> Observer:
         """One observer that steps all these axes; `configs` has one entry for each place.
 
-        Raises ValueError when the axes' blocks differ in their tags.
+        Raises ValueError when the configurations differ in their `group_key`, or the axes' blocks in their tags.
         """
-        if len(places) != len(configs):
-            raise ValueError("expected one configuration for each axis")
+        require_one_group(places, configs)
         return AxisObserver(places, np.float64, AdaptiveKernel(configs))
 
 
-class AdaptiveKernel:
+class AdaptiveKernel(StateKernel):
     """The hypotheses of n axes."""
 
     def __init__(self, configs: Sequence[AdaptiveConfig]) -> None:
@@ -75,7 +74,7 @@ class AdaptiveKernel:
             top_acceleration=[config.top_acceleration for config in configs],
             gate=[config.gate for config in configs],
         )
-        self.tuning: Mapping[str, Numbers] = {
+        tuned = {
             "r_x": tuning.r_x,
             "top_speed": tuning.top_speed,
             "top_acceleration": tuning.top_acceleration,
@@ -83,9 +82,7 @@ class AdaptiveKernel:
         }
         self._rejected: NDArray[np.int64] = np.zeros(len(configs), np.int64)  # since the start of the service
         self._state = state = batch.AdaptiveBatchState(len(configs))
-        self.estimates: Mapping[str, Numbers] = {
-            "Position": state.y,
-            "Velocity": state.y_dot,
+        estimates = {
             "Acceleration": state.y_ddot,
             "Innovation": state.y_res,
             "S": state.S,
@@ -99,11 +96,7 @@ class AdaptiveKernel:
             "ManoeuvreProbability": state.manoeuvre,
             "Rejected": self._rejected,
         }
-
-    @property
-    def init(self) -> Flags:
-        """Which axes have started."""
-        return self._state.init
+        super().__init__(state, estimates, tuned)
 
     def step(self, given: Given) -> NDArray[np.uint8]:
         """One scan of the rows; counts the samples that the gate rejected."""
@@ -112,14 +105,6 @@ class AdaptiveKernel:
         )
         self._rejected += results == Result.REJECTED
         return results
-
-    def finite(self) -> Flags:
-        """Axes without NaN and infinity in the state."""
-        return self._state.finite()
-
-    def clear(self, rows: Flags) -> None:
-        """Forget everything about these axes."""
-        self._state.clear(rows)
 
     def predict(self, dt: NDArray[np.float64]) -> tuple[Numbers, Numbers]:
         """At the estimated acceleration."""

@@ -9,9 +9,9 @@ from pydantic import Field, model_validator
 from softplc.interfaces import Observer
 from softplc.kernel.batch import alpha_beta as batch
 from softplc.model import Model
-from softplc.observers.axes import AxisPlace
+from softplc.observers.axes import AxisPlace, require_one_group
 from softplc.observers.observer import AxisObserver
-from softplc.observers.rows import RowsKernel, require_one_group
+from softplc.observers.rows import RowsKernel
 
 _FIXED: Final = ("alpha", "beta")
 _INDEXED: Final = ("sigma_w", "sigma_v")

@@ -14,8 +14,8 @@ from softplc.kernel.batch.aoi_options import AoiBatchOptions
 from softplc.kernel.reference.aoi_options import AoiOptions
 from softplc.model import Model
 from softplc.observers.aoi_options import Bleed, Bounds, GainLimits, Gate, Positive
-from softplc.observers.axes import AxisPlace
-from softplc.observers.kernel import Flags, Given, Numbers
+from softplc.observers.axes import AxisPlace, require_one_group
+from softplc.observers.kernel import Given, Numbers, StateKernel
 from softplc.observers.leaves import LEAVES, Leaf
 from softplc.observers.observer import AxisObserver
 
@@ -173,13 +173,12 @@ class AoiConfig(Model):
 
         Raises ValueError when the configurations differ in their `group_key`, or the axes' blocks in their tags.
         """
-        if len(places) != len(configs) or len({config.group_key for config in configs}) != 1:
-            raise ValueError("expected one configuration for each axis, all with the same group_key")
+        require_one_group(places, configs)
         kernel = AoiKernel(configs, step)
         return AxisObserver(places, kernel.dtype, kernel)
 
 
-class AoiKernel:
+class AoiKernel(StateKernel):
     """The AOI of n axes of the same precision."""
 
     def __init__(self, configs: Sequence[AoiConfig], step: batch.Step = batch.step) -> None:
@@ -198,25 +197,12 @@ class AoiKernel:
             BleedFactor=[bleed.factor if bleed else 1.0 for bleed in bleeds],
             options=options,
         )
-        self._leaves = configs[0].tuning
-        self._counts = "Rejected" in configs[0].estimates
         self._state = state = batch.AoiBatchState(len(configs), self.dtype)
         self._absolute = np.zeros(len(configs)) if any(one.reference is not None for one in chosen) else None
         self._position: Numbers = state.y if self._absolute is None else self._absolute
         self._dt_ms = np.zeros(len(configs))
-
-    @property
-    def init(self) -> Flags:
-        """Which axes have started."""
-        return self._state.init
-
-    @property
-    def estimates(self) -> Mapping[str, Numbers]:
-        """Leaf → the state's own array."""
-        state = self._state
         estimates = {
             "Position": self._position,
-            "Velocity": state.y_dot,
             "Innovation": state.y_res,
             "S": state.S,
             "K0": state.K0,
@@ -225,21 +211,18 @@ class AoiKernel:
             "P01": state.P1,
             "P11": state.P3,
         }
-        return {**estimates, "Rejected": state.rejected} if self._counts else estimates
-
-    @property
-    def tuning(self) -> Mapping[str, Numbers]:
-        """Leaf → the array that the kernel reads."""
-        options, arrays = self._tuning.options, {leaf: getattr(self._tuning, leaf) for leaf in _TUNING}
+        if "Rejected" in configs[0].estimates:
+            estimates["Rejected"] = state.rejected
+        tuned = {leaf: getattr(self._tuning, leaf) for leaf in _TUNING}
         if options is not None:
-            arrays |= {
+            tuned |= {
                 "min_r": options.min_r,
                 "GateSigma": options.gate,
                 "GateMost": options.gate_most,
                 "BleedOn": options.bleed_on_innovation,
                 "BleedVelocity": options.bleed_velocity,
             }
-        return {leaf: arrays[leaf] for leaf in self._leaves}
+        super().__init__(state, estimates, {leaf: tuned[leaf] for leaf in configs[0].tuning})
 
     def step(self, given: Given) -> NDArray[np.uint8]:
         """One scan; the AOI takes its time step in milliseconds."""
@@ -249,14 +232,6 @@ class AoiKernel:
         if self._absolute is not None:
             np.add(state.offset, state.y, out=self._absolute)
         return results
-
-    def finite(self) -> Flags:
-        """Axes without NaN and infinity in the state."""
-        return self._state.finite()
-
-    def clear(self, rows: Flags) -> None:
-        """Forget everything about these axes."""
-        self._state.clear(rows)
 
     def predict(self, dt: NDArray[np.float64]) -> tuple[Numbers, Numbers]:
         """Equations (2) and (3)."""

@@ -90,6 +90,12 @@ class ObserverModel(Protocol):
         ...
 
 
+def require_one_group(places: Sequence[AxisPlace], configs: Sequence[ObserverModel]) -> None:
+    """Raises ValueError unless there is one configuration for each place, all with the same `group_key`."""
+    if len(places) != len(configs) or len({config.group_key for config in configs}) != 1:
+        raise ValueError("expected one configuration for each axis, all with the same group_key")
+
+
 def leaves_of(spec: AxisSpec, observer: ObserverModel) -> tuple[str, ...]:
     """The leaves of an axis' tags in their order: outputs, input, estimates, judgements, state, commands, tuning."""
     judged = consistency_leaves(observer.estimates) if spec.consistency else ()

@@ -11,10 +11,10 @@ from softplc.interfaces import Observer
 from softplc.kernel.batch import cv_accel as batch
 from softplc.kernel.result import Result
 from softplc.model import Model
-from softplc.observers.axes import AxisPlace
+from softplc.observers.axes import AxisPlace, require_one_group
 from softplc.observers.kernel import Given, Numbers
 from softplc.observers.observer import AxisObserver
-from softplc.observers.rows import RowsKernel, require_one_group
+from softplc.observers.rows import RowsKernel
 
 _PER_SCAN: Final = ("q_x", "q_x_dot", "q_x_ddot")
 _COVARIANCES: Final = ("P00", "P01", "P02", "P11", "P12", "P22")

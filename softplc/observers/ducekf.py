@@ -13,8 +13,8 @@ from softplc.kernel.batch import ducekf as batch
 from softplc.kernel.batch.dhvpo import DhvpoBatch
 from softplc.kernel.batch.end_stops import EndStopsBatch
 from softplc.model import Model
-from softplc.observers.axes import AxisPlace
-from softplc.observers.kernel import Flags, Given, Numbers
+from softplc.observers.axes import AxisPlace, require_one_group
+from softplc.observers.kernel import Given, Numbers, StateKernel
 from softplc.observers.observer import AxisObserver
 
 
@@ -125,12 +125,11 @@ class DucekfConfig(Model):
 
         Raises ValueError when the configurations differ in their `group_key`, or the axes' blocks in their tags.
         """
-        if len(places) != len(configs) or len({config.group_key for config in configs}) != 1:
-            raise ValueError("expected one configuration for each axis, all with the same group_key")
+        require_one_group(places, configs)
         return AxisObserver(places, np.float64, DucekfKernel(configs))
 
 
-class DucekfKernel:
+class DucekfKernel(StateKernel):
     """The filter of n axes with the same kind of model and the same choices."""
 
     def __init__(self, configs: Sequence[DucekfConfig]) -> None:
@@ -156,7 +155,7 @@ class DucekfKernel:
             edge=first.model.band_reading if isinstance(first.model, Dhvpo) else "above",
         )
         tuning, model = self._tuning, self._model
-        self.tuning: Mapping[str, Numbers] = {
+        tuned: dict[str, Numbers] = {
             "q_x": tuning.q_x,
             "q_x_dot": tuning.q_x_dot,
             "r_x": tuning.r_x,
@@ -165,21 +164,9 @@ class DucekfKernel:
         }
         if isinstance(model, EndStopsBatch):
             stops = {"LowerStop": model.lower, "UpperStop": model.upper}
-            self.tuning |= {leaf: stops[leaf] for leaf in first.tuning if leaf in stops}
-        self._state = batch.DucekfBatchState(len(configs))
-
-    @property
-    def init(self) -> Flags:
-        """Which axes have started."""
-        return self._state.init
-
-    @property
-    def estimates(self) -> Mapping[str, Numbers]:
-        """Leaf → the state's own array."""
-        state = self._state
-        return {
-            "Position": state.y,
-            "Velocity": state.y_dot,
+            tuned |= {leaf: stops[leaf] for leaf in first.tuning if leaf in stops}
+        self._state = state = batch.DucekfBatchState(len(configs))
+        estimates = {
             "Innovation": state.y_res,
             "S": state.S,
             "K0": state.K0,
@@ -190,6 +177,7 @@ class DucekfKernel:
             "Impacts": state.impacts,
             "Contact": state.touching,
         }
+        super().__init__(state, estimates, tuned)
 
     def step(self, given: Given) -> NDArray[np.uint8]:
         """One scan."""
@@ -203,14 +191,6 @@ class DucekfKernel:
             rows=given.rows,
             contact=given.contact,
         )
-
-    def finite(self) -> Flags:
-        """Axes without NaN and infinity in the state."""
-        return self._state.finite()
-
-    def clear(self, rows: Flags) -> None:
-        """Forget everything about these axes, but not how often they hit a stop."""
-        self._state.clear(rows)
 
     def predict(self, dt: NDArray[np.float64]) -> tuple[Numbers, Numbers]:
         """The smooth branch, (3), up to the stop: what happens there is for the next sample to say."""

@@ -6,9 +6,9 @@ from typing import Literal
 from softplc.interfaces import Observer
 from softplc.kernel.batch import finite_difference as batch
 from softplc.model import Model
-from softplc.observers.axes import AxisPlace
+from softplc.observers.axes import AxisPlace, require_one_group
 from softplc.observers.observer import AxisObserver
-from softplc.observers.rows import RowsKernel, require_one_group
+from softplc.observers.rows import RowsKernel
 
 
 class FiniteDifferenceConfig(Model):

@@ -10,10 +10,10 @@ from pydantic import Field
 from softplc.interfaces import Observer
 from softplc.kernel.batch import moving_average as batch
 from softplc.model import Model
-from softplc.observers.axes import AxisPlace
+from softplc.observers.axes import AxisPlace, require_one_group
 from softplc.observers.kernel import Given
 from softplc.observers.observer import AxisObserver
-from softplc.observers.rows import RowsKernel, require_one_group
+from softplc.observers.rows import RowsKernel
 
 
 class MovingAverageConfig(Model):

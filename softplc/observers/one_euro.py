@@ -8,9 +8,9 @@ from pydantic import Field
 from softplc.interfaces import Observer
 from softplc.kernel.batch import one_euro as batch
 from softplc.model import Model
-from softplc.observers.axes import AxisPlace
+from softplc.observers.axes import AxisPlace, require_one_group
 from softplc.observers.observer import AxisObserver
-from softplc.observers.rows import RowsKernel, require_one_group
+from softplc.observers.rows import RowsKernel
 
 
 class OneEuroConfig(Model):
