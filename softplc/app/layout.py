@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from softplc.config.models import Axis, Config, Source, Task, WriteBack
+from softplc.observers.aoi import AoiConfig
 from softplc.observers.axes import AxisPlace, AxisSpec, axis_tags, leaves_of
 from softplc.scan import source_tags, task_tags
 from softplc.tags import Block, TagTable
@@ -91,7 +92,7 @@ def axis_spec(axis: Axis) -> AxisSpec:
         dt_source=axis.dt_source,
         on_repeat=axis.on_repeat,
         held_after=axis.held_after_ms / 1000.0,
-        skipped_time=axis.skipped_time,
+        skipped_time=axis.observer.skipped_time if isinstance(axis.observer, AoiConfig) else "accumulate",
         tuning_writable=axis.writable_tuning,
         consistency=axis.window,
         shadow=axis.shadow.quantities if axis.shadow else (),

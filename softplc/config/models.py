@@ -10,8 +10,10 @@ from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
 from softplc.drivers.replay import ReplaySource, ReplayTag
 from softplc.kernel.compiled import available
 from softplc.model import Model, Name
+from softplc.observers.aoi import AoiConfig
 from softplc.observers.config import ObserverConfig
 from softplc.observers.consistency import NEEDS, consistency_leaves
+from softplc.observers.ducekf import DucekfConfig
 from softplc.observers.leaves import WRITE_BACK
 from softplc.publishers.modbus.config import ModbusPublisher
 from softplc.publishers.opcua.config import OpcUaPublisher
@@ -183,14 +185,12 @@ class Axis(Model):
     """The task that scans this axis; the first one when left out."""
     enable: Enable = True
     """true or false; or a Boolean tag of a source; or `writable: true` for a tag that clients may write."""
-    dt_source: Literal["scan", "source", "arrival"] = "scan"
-    """Which Δt the observer uses: the measured scan interval, the samples' own timestamps, or their arrivals."""
+    dt_source: Literal["scan", "source", "arrival", "nominal"] = "scan"
+    """Δt of the observer: the measured scan interval, the samples' own timestamps, their arrivals, or the period."""
     on_repeat: Literal["update", "predict"] = "update"
     """When no new sample came: take the held value as a measurement, or predict only and publish the prediction."""
     held_after_ms: Annotated[float, Field(ge=0, le=3_600_000)] = 1000.0
     """predict: a value unchanged for so long on a live link is held, and counts as a measurement, ms."""
-    skipped_time: Literal["accumulate", "lose"] = "accumulate"
-    """Time of scans without a usable sample: add it to the next step, or lose it as the AOI's own text does."""
     contact: SourceTag | None = None
     """A Boolean tag, a limit switch or a force, that is not 0 while the axis touches its stop; for ducekf."""
     writable_tuning: bool = False
@@ -213,7 +213,8 @@ class Axis(Model):
 
     @model_validator(mode="after")
     def _loses_the_time_of_scans(self) -> Self:
-        if self.skipped_time == "lose" and self.dt_source != "scan":
+        lose = isinstance(self.observer, AoiConfig) and self.observer.skipped_time == "lose"
+        if lose and self.dt_source not in ("scan", "nominal"):
             raise ValueError(f"skipped_time: lose with dt_source: {self.dt_source}, expected dt_source: scan")
         return self
 
@@ -234,7 +235,9 @@ class Axis(Model):
 
     @model_validator(mode="after")
     def _has_the_contact_that_it_needs(self) -> Self:
-        if self.contact is None and getattr(self.observer, "needs_contact", False):
+        if self.contact is not None and not isinstance(self.observer, DucekfConfig):
+            raise ValueError(f"contact with observer {self.observer.type}, which takes none, expected ducekf")
+        if self.contact is None and isinstance(self.observer, DucekfConfig) and self.observer.needs_contact:
             raise ValueError(
                 "no contact, which the observer takes its impacts from, expected a tag or contact_from: position"
             )

@@ -59,6 +59,8 @@ class AoiConfig(Model):
     """Innovation gate that rejects outliers; leave it out for none."""
     on_s_not_positive: Literal["keep", "reinitialise"] = "keep"
     """S ≤ 0: predict on for good, as the AOI's own text does, or start anew on that sample."""
+    skipped_time: Literal["accumulate", "lose"] = "accumulate"
+    """Time of scans without a usable sample: add it to the next step, or lose it as the AOI's own text does."""
     reference: Annotated[
         Literal["first_sample"] | float | None, Field(json_schema_extra={"x-expected": _REFERENCE, "x-unit": "unit"})
     ] = None

@@ -11,7 +11,7 @@ from softplc.observers.consistency import consistency_leaves
 from softplc.observers.leaves import COMMANDS, LEAVES, Leaf
 from softplc.tags import Block, DataType, Role, Tag
 
-DtSource = Literal["scan", "source", "arrival"]
+DtSource = Literal["scan", "source", "arrival", "nominal"]
 OnRepeat = Literal["update", "predict"]
 SkippedTime = Literal["accumulate", "lose"]
 

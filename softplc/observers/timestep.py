@@ -28,7 +28,8 @@ class TimeStep:
     def __init__(self, places: Sequence[AxisPlace]) -> None:
         n, specs = len(places), [place.spec for place in places]
         self._by_arrival = np.array([spec.dt_source == "arrival" for spec in specs])
-        self._by_stamp = np.array([spec.dt_source != "scan" for spec in specs])
+        self._by_stamp = np.array([spec.dt_source in ("source", "arrival") for spec in specs])
+        self._nominal = np.array([spec.dt_source == "nominal" for spec in specs])
         self._may_predict = np.array([spec.on_repeat == "predict" for spec in specs])
         self._held_after = np.array([spec.held_after for spec in specs])
         self._reinit_after = np.array([spec.reinit_after for spec in specs])
@@ -86,6 +87,8 @@ class TimeStep:
             started = self.rows & ~running  # or disabled
             self.dt[started] = np.where(enabled[started], elapsed, 0.0)
             self._repeated_for[started] = 0.0
+        if self._nominal.any():
+            np.copyto(self.dt, scan.period, where=self._nominal & (self.dt > 0.0))
         np.copyto(self.dt, self._pending, where=self.predict)
         if of_the_plc is not None:
             self._follow(of_the_plc, running, enabled)
