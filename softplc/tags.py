@@ -33,7 +33,10 @@ class DataType(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Tag:
-    """A named variable. `name` is its path and its OPC-UA string node id, as in `AxisX.Position`."""
+    """A named variable. `name` is its path and its OPC-UA string node id, as in `AxisX.Position`.
+
+    `range` is what it usually lies in, for an HMI's scales; `limits` are those of a written value, both allowed.
+    """
 
     name: str
     unit: str = ""
@@ -42,6 +45,7 @@ class Tag:
     data_type: DataType = DataType.DOUBLE
     range: tuple[float, float] | None = None
     writable: bool = False
+    limits: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from softplc.config.models import Axis, Config, Source, Task, WriteBack
+from softplc.observers.aoi import AoiConfig
 from softplc.observers.axes import AxisPlace, AxisSpec, axis_tags, leaves_of
 from softplc.scan import source_tags, task_tags
 from softplc.tags import Block, TagTable
@@ -91,6 +92,11 @@ def axis_spec(axis: Axis) -> AxisSpec:
         dt_source=axis.dt_source,
         on_repeat=axis.on_repeat,
         held_after=axis.held_after_ms / 1000.0,
+        skipped_time=axis.observer.skipped_time if isinstance(axis.observer, AoiConfig) else "accumulate",
+        tuning_writable=axis.writable_tuning,
+        consistency=axis.window,
+        shadow=axis.shadow.quantities if axis.shadow else (),
+        shadow_settling=axis.shadow.settle_ms / 1000.0 if axis.shadow else 0.0,
     )
 
 
@@ -111,7 +117,8 @@ def _lay_out_task(
     for axis in axes:
         place = _place(table, used, axis)
         observer = axis.observer
-        groups[observer.type, observer.group_key, leaves_of(observer)].append((place, observer))
+        key = observer.type, observer.group_key, place.spec.consistency, leaves_of(place.spec, observer)
+        groups[key].append((place, observer))
         write_backs += [_write(used, axis.name, place.block, write_back) for write_back in axis.write_back]
     table.close_section(task.name)
     observers = tuple(
@@ -123,7 +130,9 @@ def _lay_out_task(
 
 def _inputs(axis: Axis) -> list[tuple[Any, str]]:
     """The tags that an axis reads, each with the leaf that it stands for."""
-    tags = ((axis.input, "Raw"), (axis.enable, "Enable"), (axis.contact, "Contact"))
+    tags: list[tuple[Any, str]] = [(axis.input, "Raw"), (axis.enable, "Enable"), (axis.contact, "Contact")]
+    if axis.shadow is not None:
+        tags += [(getattr(axis.shadow, part), f"Shadow.{part}") for part in ("position", "velocity", "dt")]
     return [(tag, leaf) for tag, leaf in tags if hasattr(tag, "source")]
 
 
@@ -147,7 +156,14 @@ def _place(table: TagTable, used: dict[str, SourceLayout], axis: Axis) -> AxisPl
     spec = axis_spec(axis)
     position = {leaf: used[tag.source].start + used[tag.source].readings[tag] for tag, leaf in _inputs(axis)}
     block = table.add_block(axis.name, "axis", axis_tags(spec, axis.observer))
-    return AxisPlace(spec, position["Raw"], position.get("Enable"), block, position.get("Contact"))
+    return AxisPlace(
+        spec,
+        position["Raw"],
+        position.get("Enable"),
+        block,
+        position.get("Contact"),
+        *(position.get(f"Shadow.{part}") for part in ("position", "velocity", "dt")),
+    )
 
 
 def _write(used: dict[str, SourceLayout], axis: str, block: Block, write_back: WriteBack) -> WriteBackLayout:

@@ -33,7 +33,8 @@ def replay(config: Config, output: TextIO) -> int:
 async def _replay(config: Config, seconds: float, output: TextIO) -> int:
     clock = VirtualClock()
     layout = build_layout(config)
-    (task,) = build_tasks(layout, Writer(bytearray(size(layout.table)), layout.table), clock)
+    writer = Writer(bytearray(size(layout.table)), layout.table)
+    (task,) = build_tasks(layout, writer, clock, config.realtime.kernel)
     for source in layout.tasks[0].sources:  # a link would try again for ever; here a wrong recording is an error
         await source.source.build(list(source.readings), source.writings, clock, task.period).open()
     rows = _Rows(layout, task, output)

@@ -12,9 +12,11 @@ from softplc.app.child import run_child
 from softplc.app.layout import Layout, SourceLayout, TaskLayout, build_layout
 from softplc.app.logs import configure_logs
 from softplc.app.notify import Watchdog, watchdog_interval
+from softplc.app.observing import build_observer
 from softplc.app.realtime import apply_realtime, freeze_garbage
 from softplc.clock import Clock, SystemClock
-from softplc.config.models import Config
+from softplc.config.models import Config, KernelChoice
+from softplc.config.remarks import remarks
 from softplc.errors import ConfigError
 from softplc.exchange import Writer
 from softplc.link import Link
@@ -36,9 +38,11 @@ def scan_process(config_json: str, buffer: Any, connection: "Connection[Any, Any
 
 
 async def _scan(config: Config, buffer: Any, connection: "Connection[Any, Any]", stop: asyncio.Event) -> None:
+    for text in remarks(config):
+        log.warning("remark", text=text)
     clock = SystemClock()
     layout = build_layout(config)
-    tasks = build_tasks(layout, Writer(buffer, layout.table), clock)
+    tasks = build_tasks(layout, Writer(buffer, layout.table), clock, config.realtime.kernel)
     watchdog = Watchdog(len(tasks), watchdog_interval())
     for number, task in enumerate(tasks):
         task.on_scan = _beat(watchdog, number)
@@ -62,23 +66,30 @@ def start_tasks(group: asyncio.TaskGroup, tasks: list[CyclicTask]) -> list["asyn
     return running + [group.create_task(task.run(), name=task.name) for task in tasks]
 
 
-def build_tasks(layout: Layout, writer: Writer, clock: Clock) -> list[CyclicTask]:
+def build_tasks(layout: Layout, writer: Writer, clock: Clock, kernel: KernelChoice = "auto") -> list[CyclicTask]:
     """The cyclic tasks of a layout, ready to run. Imports the libraries of the protocols that are used."""
     image = Image(len(layout.table))
     tasks: list[CyclicTask] = []
 
     def dispatch_commands() -> None:
         for index, value in writer.commands():
-            taken = any(observer.command(index, value) for task in tasks for observer in task.observers)
-            if not taken:
-                log.warning("command for a tag that takes none", tag=layout.table.tags[index].name)
+            tag, old = layout.table.tags[index].name, float(image.values[index])
+            if not any(observer.command(index, value) for task in tasks for observer in task.observers):
+                log.warning("command not taken: no such value for this tag", tag=tag, value=value)
+            elif value != old:
+                log.info("tag changed by a client", tag=tag, old=old, new=value)
 
-    tasks += [_build_task(task, image, writer, clock, dispatch_commands) for task in layout.tasks]
+    tasks += [_build_task(task, image, writer, clock, dispatch_commands, kernel) for task in layout.tasks]
     return tasks
 
 
 def _build_task(
-    layout: TaskLayout, image: Image, writer: Writer, clock: Clock, dispatch_commands: Callable[[], None]
+    layout: TaskLayout,
+    image: Image,
+    writer: Writer,
+    clock: Clock,
+    dispatch_commands: Callable[[], None],
+    kernel: KernelChoice,
 ) -> CyclicTask:
     period = layout.task.period_ms / 1000.0
     links = {source.source.name: _build_link(source, clock, period) for source in layout.sources}
@@ -89,7 +100,7 @@ def _build_task(
         clock=clock,
         links=[LinkPlace(links[source.source.name], source.start, source.block) for source in layout.sources],
         inputs=Image(layout.inputs),
-        observers=[type(group.configs[0]).build(group.places, group.configs) for group in layout.observers],
+        observers=[build_observer(group, kernel, clock) for group in layout.observers],
         write_backs=[
             WriteBack(
                 write_back.index,

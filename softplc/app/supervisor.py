@@ -64,7 +64,7 @@ async def supervise(
 
 def _children(config: Config) -> list[Child]:
     buffer = SPAWN.RawArray("b", size(build_layout(config).table))
-    arguments = (config.model_dump_json(), buffer)
+    arguments = (config.as_json(), buffer)
     children = [Child("scan", scan_process, arguments)]
     if config.publishers:
         children.append(Child("gateway", gateway_process, arguments))

@@ -12,6 +12,7 @@ def check(path: Path, *, connect: bool, as_json: bool) -> int:
     """Validate, and with `connect` read every tag once; see `softplc check --help`."""
     from softplc.app.checking import describe, missing_secrets, read_once  # noqa: PLC0415
     from softplc.config.load import load  # noqa: PLC0415
+    from softplc.config.remarks import remarks  # noqa: PLC0415
 
     try:
         config = load(path)
@@ -19,7 +20,7 @@ def check(path: Path, *, connect: bool, as_json: bool) -> int:
         if as_json:
             print_json({"errors": wrong.lines})
         raise
-    for text in missing_secrets(config):
+    for text in (*missing_secrets(config), *remarks(config)):
         messages.print(f"{path}: {text}", style="yellow", markup=False)
     if not connect:
         rows = describe(config)

@@ -23,6 +23,12 @@ cli = typer.Typer(
 )
 export = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Print what other tools import.")
 cli.add_typer(export, name="export")
+study = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    help="Run the experiment of a paper anew and write it down: one HTML report and its figures as PNG.",
+)
+cli.add_typer(study, name="study")
 
 ConfigPath = Annotated[Path, typer.Argument(metavar="CONFIG.yaml", help="Configuration file.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
@@ -213,6 +219,34 @@ def export_modbus_map(
     if style not in ("csv", "md", "json"):
         raise UsageError(f"--format {style}: expected csv, md or json")
     return modbus_map(config, style, port)
+
+
+Folder = Annotated[Path | None, typer.Option("--output", help="Folder to write into; study-NAME when left out.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of the noise.")]
+
+
+@study.command("aoi")
+def study_aoi(output: Folder = None, seed: Seed = 0, as_json: AsJson = False) -> int:
+    """Ramp–hold–ramp–hold of the AOI paper: its Figure 2, gains, bleed, scan rate, precision, other methods.
+
+    Exits 1 when a claim does not hold, or when matplotlib is missing (pip install "softplc[study]").
+    Example: softplc study aoi --output study-aoi
+    """
+    from softplc.cli.studying import aoi  # noqa: PLC0415
+
+    return aoi(output or Path("study-aoi"), seed, as_json=as_json)
+
+
+@study.command("ducekf")
+def study_ducekf(output: Folder = None, seed: Seed = 0, as_json: AsJson = False) -> int:
+    """The DUCEKF paper's oscillator with impacts: its Figures 1 to 3 and 5 to 7, Tables A1 and A2, statistics A.3.
+
+    Exits 1 when a claim does not hold, or when matplotlib is missing (pip install "softplc[study]").
+    Example: softplc study ducekf --output study-ducekf
+    """
+    from softplc.cli.studying import ducekf  # noqa: PLC0415
+
+    return ducekf(output or Path("study-ducekf"), seed, as_json=as_json)
 
 
 __all__: list[Any] = ["cli", "run_command_line"]

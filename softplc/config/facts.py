@@ -26,7 +26,7 @@ class Item:
 
 @dataclass(frozen=True, slots=True)
 class TagUse:
-    """A tag of a source where it stands: `role` is input, enable, contact or write_back."""
+    """A tag of a source where it stands: `role` is input, enable, contact, shadow or write_back."""
 
     role: str
     axis: Item
@@ -93,6 +93,7 @@ def _items(root: Node, key: str) -> Iterator[Item]:
 
 def _tags(axis: Item) -> Iterator[TagUse]:
     places: list[tuple[str, Path]] = [(role, (role,)) for role in ("input", "enable", "contact")]
+    places += [("shadow", ("shadow", part)) for part in ("position", "velocity", "dt")]
     places += [("write_back", (*path, "tag")) for path, _ in items_at(axis.block, "write_back")]
     for role, path in places:
         block = below(axis.block, *path)

@@ -18,9 +18,13 @@ axis i at 100 + 20·i:
 +8–9     FilteredPosition     float32  writable
 +10–11   FilteredVelocity     float32  writable
 +12      Quality              uint16   of the measurement: 2 good, 1 uncertain, 0 bad
-+13–19   0                             reserved
++13      ContactWord          uint16   1 while the limit switch at a stop is closed
++14–15   dt                   float32  ms, of the PLC's own AOI, where it runs one; 0 otherwise, as the next two
++16–17   y                    float32
++18–19   y_dot                float32
 ```
-Coil i is Enable of axis i, writable; discrete input i reads the same. Any other address answers exception 2.
+Coil i is Enable of axis i, writable; discrete input i reads the same, discrete input 2000 + i is its Contact. Any
+other address answers exception 2.
 The byte order of the scenario holds for values in two registers; a single register is always big-endian.
 """
 
@@ -30,6 +34,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from softplc.emulator.bounce import Bounce
 from softplc.emulator.memory import MemoryState
 from softplc.emulator.plant import PlantStep
 from softplc.emulator.scenario import Scenario
@@ -42,6 +47,7 @@ STRIDE: Final = 20
 FILTERED_POSITION: Final = 8
 FILTERED_VELOCITY: Final = 10
 WRITABLE: Final = range(8, 12)
+CONTACTS_AT: Final = 2000
 
 _ORDERS: Final = {"ABCD": (0, 1, 2, 3), "CDAB": (2, 3, 0, 1), "BADC": (1, 0, 3, 2), "DCBA": (3, 2, 1, 0)}
 
@@ -82,7 +88,10 @@ def registers(step: PlantStep, memory: MemoryState, order: str) -> list[int]:
         words += _words(struct.pack(">i", axis.count), order)
         words += float_words(memory.filtered_position[index], order)
         words += float_words(memory.filtered_velocity[index], order)
-        words += [int(quality(axis.status))]
+        words += [int(quality(axis.status)), int(axis.contact)]
+        if axis.aoi is not None:
+            for value in (axis.aoi.dt, axis.aoi.y, axis.aoi.y_dot):
+                words += float_words(value, order)
         words += [0] * (axis_at(index + 1) - len(words))
     return words
 
@@ -135,11 +144,31 @@ def rows(scenario: Scenario) -> list[Row]:
             _row(f"{axis.name}.FilteredVelocity", at + 10, "float32", speed, "For write-back", writable=True),
             _row(f"{axis.name}.Quality", at + 12, "uint16", "", "2 good, 1 uncertain, 0 bad"),
         ]
+        if axis.aoi is not None:
+            found += [
+                _row(f"{axis.name}.dt", at + 14, "float32", "ms", "Time step of the PLC's own AOI"),
+                _row(f"{axis.name}.y", at + 16, "float32", axis.unit, "Filtered position of the PLC's own AOI"),
+                _row(f"{axis.name}.y_dot", at + 18, "float32", speed, "Filtered velocity of the PLC's own AOI"),
+            ]
     found += [
         Row("coil", index, f"{index + 1:05}", f"{axis.name}.Enable", "bool", "", True, "Enable of the observer")
         for index, axis in enumerate(scenario.axes)
     ]
+    found += [
+        _row(f"{axis.name}.ContactWord", axis_at(index) + 13, "uint16", "", "Limit switch at the stops, as a number")
+        for index, axis in enumerate(scenario.axes)
+        if isinstance(axis.motion, Bounce)
+    ]
+    found += [
+        _discrete(CONTACTS_AT + index, f"{axis.name}.Contact", "Limit switch at the stops")
+        for index, axis in enumerate(scenario.axes)
+        if isinstance(axis.motion, Bounce)
+    ]
     return found
+
+
+def _discrete(offset: int, name: str, description: str) -> Row:
+    return Row("discrete", offset, str(10001 + offset), name, "bool", "", False, description)
 
 
 def _row(name: str, offset: int, data_type: str, unit: str, description: str, *, writable: bool = False) -> Row:

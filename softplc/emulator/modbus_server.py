@@ -31,6 +31,7 @@ class ModbusServer:
         self._scenario = scenario
         self._memory = memory
         self._registers: list[int] = []
+        self._contacts: list[int] = []  # sixteen in a word
         self._server: ModbusTcpServer | None = None
 
     async def prepare(self) -> None:
@@ -39,6 +40,7 @@ class ModbusServer:
     async def publish(self, step: PlantStep, timestamp: int) -> None:
         """What clients read from now on; Modbus has no place for the timestamp."""
         self._registers = modbus_map.registers(step, self._memory, self._endpoint.byte_order)
+        self._contacts = _words([axis.contact for axis in step.axes])
 
     async def listen(self, port: int) -> str:
         """Serve clients from now on, and return the address. Raises SoftplcError when the port is taken."""
@@ -69,13 +71,15 @@ class ModbusServer:
 
         The device has refused what does not exist or is read-only.
         """
+        if function in _DISCRETE:
+            contacts = modbus_map.CONTACTS_AT // 16
+            current[contacts : contacts + len(self._contacts)] = self._contacts
         if function in _COILS or function in _DISCRETE:
             if written is not None and address + len(written) > self._memory.axes:
                 return ExcCodes.ILLEGAL_ADDRESS
             if written is not None:
                 self._memory.enable[address : address + len(written)] = [bool(bit) for bit in written]
-            bits = self._memory.enable
-            packed = [_word(bits[first : first + 16]) for first in range(0, len(bits), 16)]
+            packed = _words(self._memory.enable)
             current[: len(packed)] = packed
             return None
         if written is not None:
@@ -85,8 +89,12 @@ class ModbusServer:
         return None
 
 
-def _word(bits: list[bool]) -> int:
-    return sum(1 << position for position, bit in enumerate(bits) if bit)
+def _words(bits: list[bool]) -> list[int]:
+    """Sixteen bits in each word, the first is the lowest."""
+    return [
+        sum(1 << position for position, bit in enumerate(bits[first : first + 16]) if bit)
+        for first in range(0, len(bits), 16)
+    ]
 
 
 def _layout(axes: int) -> tuple[list[SimData], list[SimData], list[SimData], list[SimData]]:
@@ -106,4 +114,5 @@ def _layout(axes: int) -> tuple[list[SimData], list[SimData], list[SimData], lis
         ]
         input_.append(registers(at, modbus_map.STRIDE, readonly=True))
     bits = SimData(0, values=[True] * axes, datatype=DataType.BITS)
-    return [bits], [bits], holding, input_
+    contacts = SimData(modbus_map.CONTACTS_AT, values=[False] * axes, datatype=DataType.BITS)
+    return [bits], [bits, contacts], holding, input_

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from softplc.emulator.bounce import Bounce
 from softplc.model import Model
 
 _RAMP_HOLD_LEVELS = (0, 1, 1, 2, 2, 1, 1, 0)  # position at the start of each segment, in ramps
@@ -109,4 +110,4 @@ def _way(t: float, length: float, peak: float, ramp: float, move: float) -> tupl
     return length - 0.5 * peak / ramp * left * left, peak / ramp * left
 
 
-Motion = Annotated[RampHold | Sine | Constant | Trapezoid, Field(discriminator="type")]
+Motion = Annotated[RampHold | Sine | Constant | Trapezoid | Bounce, Field(discriminator="type")]

@@ -6,9 +6,14 @@ ns=2;s=AxisX.Position           Double   measured
 ns=2;s=AxisX.TruePosition       Double
 ns=2;s=AxisX.TrueVelocity       Double
 ns=2;s=AxisX.Count              Int32    measured, as the encoder counts
+ns=2;s=AxisX.Contact            Boolean  limit switch, on an axis that bounces
 ns=2;s=AxisX.Enable             Boolean  writable
 ns=2;s=AxisX.FilteredPosition   Double   writable
 ns=2;s=AxisX.FilteredVelocity   Double   writable
+ns=2;s=AxisX.EnableIn           Boolean  of the PLC's own AOI, where it runs one: this one and the next three
+ns=2;s=AxisX.dt                 Double   ms; Float where the AOI computes in REAL
+ns=2;s=AxisX.y                  Double   or Float
+ns=2;s=AxisX.y_dot              Double   or Float
 ```
 Values of a step carry its time as source timestamp, and one Read sees one step. Nobody needs to log in;
 everybody may write what is writable and nothing else.
@@ -24,8 +29,10 @@ from asyncua import Server, ua
 from asyncua.crypto.permission_rules import User, UserRole
 
 from softplc.clock import Clock
+from softplc.emulator.bounce import Bounce
 from softplc.emulator.memory import MemoryState
 from softplc.emulator.plant import PlantStep
+from softplc.emulator.program import AoiProgram
 from softplc.emulator.scenario import EmulatedAxis, OpcUaEndpoint, Scenario
 from softplc.errors import SoftplcError
 from softplc.sample import StatusCode
@@ -55,6 +62,18 @@ _AXIS_NODES: Final = (
     _Node("FilteredPosition", _DOUBLE, 0.0, "position", "For write-back"),
     _Node("FilteredVelocity", _DOUBLE, 0.0, "velocity", "For write-back"),
 )
+
+_CONTACT: Final = _Node("Contact", ua.VariantType.Boolean, False, None, "Limit switch at the stops")
+
+
+def _aoi_nodes(program: AoiProgram) -> tuple[_Node, ...]:
+    number = ua.VariantType.Float if program.precision == "real" else _DOUBLE
+    return (
+        _Node("EnableIn", ua.VariantType.Boolean, False, None, "EnableIn of the PLC's own AOI in its newest scan"),
+        _Node("dt", number, 0.0, None, "Time step of the PLC's own AOI, ms"),
+        _Node("y", number, 0.0, "position", "Filtered position of the PLC's own AOI"),
+        _Node("y_dot", number, 0.0, "velocity", "Filtered velocity of the PLC's own AOI"),
+    )
 
 
 class _AnonymousOnly:
@@ -115,6 +134,12 @@ class OpcUaServer:
             await self._write(_node_id(axis.name, "Count"), state.count, ua.VariantType.Int32, measured, state.status)
             await self._write(_node_id(axis.name, "TruePosition"), state.true_position, _DOUBLE, timestamp)
             await self._write(_node_id(axis.name, "TrueVelocity"), state.true_velocity, _DOUBLE, timestamp)
+            if isinstance(axis.motion, Bounce):
+                await self._write(_node_id(axis.name, "Contact"), state.contact, ua.VariantType.Boolean, timestamp)
+            if axis.aoi is not None and state.aoi is not None:
+                values = (state.aoi.enable_in, state.aoi.dt, state.aoi.y, state.aoi.y_dot)
+                for node, value in zip(_aoi_nodes(axis.aoi), values, strict=True):
+                    await self._write(_node_id(axis.name, node.name), value, node.variant, timestamp)
         for writable in self._writable:
             if writable.changed_elsewhere():
                 await self._write(writable.node, writable.value, writable.variant, timestamp)
@@ -151,7 +176,8 @@ class OpcUaServer:
 
     async def _add_axis(self, axis: EmulatedAxis) -> None:
         parent = await self._server.nodes.objects.add_object(_id(axis.name), ua.QualifiedName(axis.name, _INDEX))
-        for node in _AXIS_NODES:
+        contact = (_CONTACT,) if isinstance(axis.motion, Bounce) else ()
+        for node in (*_AXIS_NODES, *contact, *(_aoi_nodes(axis.aoi) if axis.aoi else ())):
             symbol = {"position": axis.unit, "velocity": per_second(axis.unit), None: None}[node.quantity]
             await _add(parent, node, f"{axis.name}.", symbol)
 

@@ -11,8 +11,10 @@ count        c_k = round(z_k · counts_per_unit), wrapped to 32 bits
 import math
 from dataclasses import dataclass
 
+from softplc.emulator.bounce import Bounce
 from softplc.emulator.faults import Fault, Reading
 from softplc.emulator.noise import Stream
+from softplc.emulator.program import AoiOutputs
 from softplc.emulator.scenario import EmulatedAxis, Scenario
 from softplc.sample import StatusCode
 
@@ -22,7 +24,9 @@ class AxisState:
     """One axis in one step; positions in its unit, velocity in unit/s.
 
     `position` is the measurement with raw OPC UA `status`, `count` what the encoder counts; their source
-    timestamp is the time of step `measured_in`, an earlier one when the sensor is frozen.
+    timestamp is the time of step `measured_in`, an earlier one when the sensor is frozen. `contact` is that of a
+    limit switch at the stops, always open on an axis without stops. `aoi`: what the PLC's program made of it,
+    where it has one.
     """
 
     true_position: float
@@ -31,6 +35,8 @@ class AxisState:
     count: int
     status: int
     measured_in: int
+    contact: bool = False
+    aoi: AoiOutputs | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,10 +77,16 @@ class _AxisPlant:
             if begin is not None and chance.at(number) < fault.probability:
                 reading = fault.apply(reading, begin, self._healthy)
         count = wrapped(reading.encoder * self._axis.counts_per_unit)
-        return AxisState(position, velocity, reading.value, count, reading.status, reading.step)
+        return AxisState(
+            position, velocity, reading.value, count, reading.status, reading.step, self._contact(number)
+        )
 
     def _truth(self, number: int) -> tuple[float, float]:
         return self._axis.motion.at(number * self._period_ms / 1000.0)
+
+    def _contact(self, number: int) -> bool:
+        motion = self._axis.motion
+        return isinstance(motion, Bounce) and motion.contact(number * self._period_ms / 1000.0)
 
     def _healthy(self, number: int) -> Reading:
         value = quantised(self._truth(number)[0] + self._noise.at(number), self._axis.quantum)

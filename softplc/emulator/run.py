@@ -14,6 +14,7 @@ from multiprocessing.connection import Connection
 from typing import Protocol
 
 from softplc.clock import Clock, SystemClock
+from softplc.emulator.aoi import AoiPrograms
 from softplc.emulator.memory import MemoryState
 from softplc.emulator.plant import Plant, PlantStep
 from softplc.emulator.scenario import Scenario
@@ -48,7 +49,7 @@ async def serve(scenario: Scenario, ready: Callable[[Endpoints], None]) -> None:
         servers = _build(scenario, memory, clock)
         for server in servers.values():
             await server.prepare()
-        run = _Run(scenario, list(servers.values()), clock)
+        run = _Run(scenario, list(servers.values()), memory, clock)
         await run.publish(0)
         endpoints: Endpoints = {}
         for name, server in servers.items():
@@ -111,8 +112,9 @@ async def _close(server: _Server) -> None:
 class _Run:
     """The plant on its grid."""
 
-    def __init__(self, scenario: Scenario, servers: list[_Server], clock: Clock) -> None:
+    def __init__(self, scenario: Scenario, servers: list[_Server], memory: MemoryState, clock: Clock) -> None:
         self._plant = Plant(scenario)
+        self._programs = AoiPrograms(scenario, memory)
         self._period = scenario.period
         self._period_ns = round(scenario.period_ms * 1e6)
         self._servers = servers
@@ -131,7 +133,7 @@ class _Run:
     async def publish(self, number: int) -> None:
         """Publish one step to all servers."""
         self._epoch = followed(self._epoch, self._measured_epoch())
-        step = self._plant.at(number)
+        step = self._programs.run(self._plant.at(number))
         for server in self._servers:
             await server.publish(step, self._epoch + number * self._period_ns)
 

@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 from softplc.emulator.faults import Fault
 from softplc.emulator.motion import Motion, RampHold
 from softplc.emulator.noise import Noise, UniformNoise
+from softplc.emulator.program import AoiProgram
 from softplc.model import Model, Name
 
 _RESERVED = "Heartbeat"  # the node beside the axes
@@ -28,6 +29,8 @@ class EmulatedAxis(Model):
     """Count = measured position · counts_per_unit, rounded, as a 32-bit encoder counts; it wraps around."""
     faults: tuple[Fault, ...] = ()
     """What goes wrong with the sensor, and when."""
+    aoi: AoiProgram | None = None
+    """The PLC runs the AOI on this axis and serves EnableIn, dt, y and y_dot; leave it out for a PLC without."""
 
 
 class OpcUaEndpoint(Model):

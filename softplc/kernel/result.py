@@ -13,6 +13,6 @@ class Result(IntEnum):
     S_NOT_POSITIVE = 4  # S <= 0 or NaN: the prediction is put out, K and P untouched
     SKIPPED = 5  # batch only: the row was not to be stepped, nothing was touched
     REJECTED = 6  # the innovation lies beyond the gate: the prediction is put out, the sample did not enter
-    IMPACT = 7  # the constraint surface was reached: the transition took the place of predict and update
+    IMPACT = 7  # the constraint surface was reached, and the transition took place
     HELD = 8  # the estimate reached the constraint before the system did and waits there for its contact
     WARMING_UP = 9  # fewer samples than the observer needs: the outputs are provisional

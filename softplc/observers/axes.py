@@ -1,15 +1,22 @@
 """What every observer shares: the axis as configured, its tags, and its place in the images."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Final, Literal, Protocol
+
+import numpy as np
 
 from softplc.interfaces import Observer
-from softplc.observers.leaves import LEAVES
-from softplc.tags import Block, Role, Tag
+from softplc.observers.consistency import consistency_leaves
+from softplc.observers.leaves import COMMANDS, LEAVES, Leaf
+from softplc.tags import Block, DataType, Role, Tag
 
-DtSource = Literal["scan", "source", "arrival"]
+DtSource = Literal["scan", "source", "arrival", "nominal"]
 OnRepeat = Literal["update", "predict"]
+SkippedTime = Literal["accumulate", "lose"]
+
+_REAL_MAX: Final = float(np.finfo(np.float32).max)
+_REAL_TINY: Final = float(np.finfo(np.float32).tiny)
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +25,10 @@ class AxisSpec:
 
     `range`: samples outside are rejected. `enable`: the state at start, until a client or an enable tag changes it.
     `held_after`: repetition after which `predict` takes a value as held. `reinit_after`: time without a usable
-    sample, beside the task's period, after which the observer starts anew.
+    sample, beside the task's period, after which the observer starts anew. `skipped_time`: what becomes of the time
+    of scans without a usable sample; `lose` only with `dt_source` scan. `tuning_writable`: clients may write the
+    tuning. `consistency`: window and lags of the consistency tags, None for none. `shadow`: which of position and
+    velocity the PLC estimates itself; `shadow_settling`: time after a start before their largest differences count.
     """
 
     name: str
@@ -30,6 +40,11 @@ class AxisSpec:
     on_repeat: OnRepeat = "update"
     held_after: float = 1.0
     reinit_after: float = 1.0
+    skipped_time: SkippedTime = "accumulate"
+    tuning_writable: bool = False
+    consistency: tuple[int, int] | None = None
+    shadow: tuple[Literal["position", "velocity"], ...] = ()
+    shadow_settling: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +56,9 @@ class AxisPlace:
     enable: int | None
     block: Block
     contact: int | None = None
+    shadow_position: int | None = None
+    shadow_velocity: int | None = None
+    shadow_dt: int | None = None
 
 
 class ObserverModel(Protocol):
@@ -72,29 +90,57 @@ class ObserverModel(Protocol):
         ...
 
 
-def leaves_of(observer: ObserverModel) -> tuple[str, ...]:
-    """The leaves of an axis' tags in their order: outputs, input, estimates, state, commands, tuning."""
-    state = ("Dt", "Age", "Quality", "Reason", "Enabled", "Enable")
-    return ("Position", "Velocity", "Raw", *observer.estimates, *state, *observer.tuning)
+def require_one_group(places: Sequence[AxisPlace], configs: Sequence[ObserverModel]) -> None:
+    """Raises ValueError unless there is one configuration for each place, all with the same `group_key`."""
+    if len(places) != len(configs) or len({config.group_key for config in configs}) != 1:
+        raise ValueError("expected one configuration for each axis, all with the same group_key")
+
+
+def leaves_of(spec: AxisSpec, observer: ObserverModel) -> tuple[str, ...]:
+    """The leaves of an axis' tags in their order: outputs, input, estimates, judgements, state, commands, tuning."""
+    judged = consistency_leaves(observer.estimates) if spec.consistency else ()
+    for quantity in spec.shadow:
+        judged += (f"{quantity.capitalize()}Delta", f"{quantity.capitalize()}DeltaMax")
+    state = ("Dt", "Age", "Skipped", "Quality", "Reason", "Enabled", *COMMANDS)
+    return ("Position", "Velocity", "Raw", *observer.estimates, *judged, *state, *observer.tuning)
 
 
 def axis_tags(spec: AxisSpec, observer: ObserverModel) -> tuple[Tag, ...]:
     """The published tags of one axis, in order."""
-    return tuple(_tag(spec, leaf, observer) for leaf in leaves_of(observer))
+    return tuple(_tag(spec, leaf, observer) for leaf in leaves_of(spec, observer))
 
 
 def _tag(spec: AxisSpec, name: str, observer: ObserverModel) -> Tag:
-    leaf = LEAVES[name]
-    role, limits, writable = Role.DIAGNOSTIC, None, False
+    variants: Mapping[str, Leaf] = getattr(observer, "variants", {})  # where an option gives a leaf another unit
+    leaf = variants.get(name, LEAVES[name])
+    role, span, limits, writable = Role.DIAGNOSTIC, None, None, False
     if name in ("Position", "Velocity"):
         role = Role.OUTPUT
     elif name == "Raw":
         role = Role.INPUT
-    elif name == "Enable":
-        role, writable = Role.TUNING, spec.enable_writable
+    elif name in COMMANDS:
+        role = Role.TUNING
+        writable = spec.enable_writable or (name == "Reset" and spec.tuning_writable)
     elif name in observer.tuning:
         role = Role.TUNING
+        writable = spec.tuning_writable and leaf.limits is not None
+        limits = _limits(leaf, observer) if writable else None
     if name in ("Position", "Raw"):
-        limits = spec.range
+        span = spec.range
     unit = leaf.unit_of(spec.unit)
-    return Tag(f"{spec.name}.{name}", unit, leaf.description, role, leaf.data_type, limits, writable)
+    return Tag(f"{spec.name}.{name}", unit, leaf.description, role, leaf.data_type, span, writable, limits)
+
+
+def _limits(leaf: Leaf, observer: ObserverModel) -> tuple[float, float] | None:
+    """What may be written to a tuning tag: in REAL a number that stays within the limits when it is rounded.
+
+    A model whose options narrow the limits of the catalogue has them by leaf in `limits`.
+    """
+    narrower: Mapping[str, tuple[float, float]] = getattr(observer, "limits", {})
+    limits = narrower.get(leaf.name, leaf.limits)
+    if limits is None or leaf.data_type is not DataType.DOUBLE or getattr(observer, "precision", "") != "real":
+        return limits
+    low, high = (float(bound) for bound in np.clip(limits, -_REAL_MAX, _REAL_MAX))
+    low = max(low, _REAL_TINY) if low > 0.0 else low
+    nearest = np.float32(high)
+    return low, float(np.nextafter(nearest, np.float32(-np.inf)) if float(nearest) > high else nearest)

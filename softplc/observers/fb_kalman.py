@@ -1,6 +1,6 @@
 """FB_KalmanFilter: the PLC function block as written, bug for bug, or with its arithmetic put right."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -11,8 +11,8 @@ from softplc.interfaces import Observer
 from softplc.kernel.batch import fb_kalman as batch
 from softplc.kernel.result import Result
 from softplc.model import Model
-from softplc.observers.axes import AxisPlace
-from softplc.observers.kernel import Flags, Given, Numbers
+from softplc.observers.axes import AxisPlace, require_one_group
+from softplc.observers.kernel import Flags, Given, StateKernel
 from softplc.observers.observer import AxisObserver
 
 
@@ -69,13 +69,12 @@ class FbKalmanConfig(Model):
 
         Raises ValueError when the configurations differ in their `group_key`, or the axes' blocks in their tags.
         """
-        if len(places) != len(configs) or len({config.group_key for config in configs}) != 1:
-            raise ValueError("expected one configuration for each axis, all with the same group_key")
+        require_one_group(places, configs)
         kernel = FbKalmanKernel(configs)
         return AxisObserver(places, kernel.dtype, kernel)
 
 
-class FbKalmanKernel:
+class FbKalmanKernel(StateKernel):
     """The block of n axes of the same precision, variant and start."""
 
     def __init__(self, configs: Sequence[FbKalmanConfig]) -> None:
@@ -88,23 +87,8 @@ class FbKalmanKernel:
             variant=first.variant,
             start=first.starts_at,
         )
-        self.tuning: Mapping[str, Numbers] = {"Q": self._tuning.Q, "R": self._tuning.R}
-        self._state = batch.FbKalmanBatchState(len(configs), self.dtype)
-        self._rows: Flags = np.zeros(len(configs), np.bool_)
-        self._no_time: Flags = np.zeros(len(configs), np.bool_)
-
-    @property
-    def init(self) -> Flags:
-        """Which axes have started; the next call of the others has Reset TRUE."""
-        return self._state.init
-
-    @property
-    def estimates(self) -> Mapping[str, Numbers]:
-        """Leaf → the state's own array."""
-        state = self._state
-        return {
-            "Position": state.y,
-            "Velocity": state.y_dot,
+        self._state = state = batch.FbKalmanBatchState(len(configs), self.dtype)
+        estimates = {
             "Innovation": state.y_res,
             "S": state.S,
             "K0": state.KalmanGain,
@@ -113,6 +97,9 @@ class FbKalmanKernel:
             "P01": state.p_12,
             "P11": state.p_22,
         }
+        super().__init__(state, estimates, {"Q": self._tuning.Q, "R": self._tuning.R})
+        self._rows: Flags = np.zeros(len(configs), np.bool_)
+        self._no_time: Flags = np.zeros(len(configs), np.bool_)
 
     def step(self, given: Given) -> NDArray[np.uint8]:
         """One scan; where no time has passed the block, which divides by it, is not called."""
@@ -127,15 +114,3 @@ class FbKalmanKernel:
             state.y_dot[no_time] = 0.0
             results[no_time] = Result.DT_INVALID
         return results
-
-    def finite(self) -> Flags:
-        """Axes without NaN and infinity in the state."""
-        return self._state.finite()
-
-    def clear(self, rows: Flags) -> None:
-        """Forget everything about these axes."""
-        self._state.clear(rows)
-
-    def predict(self, dt: NDArray[np.float64]) -> tuple[Numbers, Numbers]:
-        """At constant velocity."""
-        return self._state.y + self._state.y_dot * dt, self._state.y_dot

@@ -8,13 +8,16 @@ from numpy.typing import DTypeLike, NDArray
 
 from softplc.kernel.result import Result
 from softplc.observers.axes import AxisPlace
+from softplc.observers.commands import Commands
+from softplc.observers.consistency import LAMP, Consistency
 from softplc.observers.enable import Enable
 from softplc.observers.judgement import Judgement
-from softplc.observers.kernel import Given, Kernel
-from softplc.observers.leaves import STATE
+from softplc.observers.kernel import Flags, Given, Kernel
+from softplc.observers.published import Published
+from softplc.observers.shadow import Shadow
 from softplc.observers.timestep import TimeStep
 from softplc.sample import Reason, StatusCode, quality
-from softplc.tags import Block, Image, Role
+from softplc.tags import Image
 from softplc.timing import Scan
 
 _OUTCOME: Final = {
@@ -27,12 +30,14 @@ _OUTCOME: Final = {
     Result.WARMING_UP: (StatusCode.UNCERTAIN_INITIAL_VALUE, Reason.INITIALISING),
 }
 
+_MOST: Final = float(np.finfo(np.float64).max)
+
 
 class AxisGroup:
     """All axes that one kernel steps, in one task. Arrays[axes]; one call of `begin` and `finish` a scan.
 
     Between the two the observer steps the kernel with `given`. Raises ValueError when the axes' blocks differ in
-    their tags.
+    their tags, or the axes in the window of their consistency tags.
     """
 
     def __init__(self, places: Sequence[AxisPlace], dtype: DTypeLike, kernel: Kernel) -> None:
@@ -40,23 +45,60 @@ class AxisGroup:
         self.enable = Enable(places)
         self.time = TimeStep(places)
         self._kernel = kernel
-        self._tags = _Tags(places)
+        self.commands = Commands(places, self.enable, kernel)
+        self._tags = Published(places)
         n = len(places)
         self._contacts = [(row, place.contact) for row, place in enumerate(places) if place.contact is not None]
         self.given = Given(self.enable.state, self.samples.z, self.time.dt, self.time.rows, np.full(n, np.nan))
         self._has_values = np.zeros(n, np.bool_)
+        self._rejected = np.zeros(n, np.bool_)  # the last sample that was stepped
         self._arrivals = np.full(n, np.nan)  # newest ever
         self._started = np.nan
         for leaf, values in kernel.tuning.items():
             self._tags.row(leaf)[:] = values
+        spec = places[0].spec
+        if any((place.spec.consistency, place.spec.shadow) != (spec.consistency, spec.shadow) for place in places):
+            raise ValueError("axes of one observer must have the same consistency and shadow")
+        self._consistency = Consistency(spec, kernel, self._tags, n, dtype) if LAMP in self._tags else None
+        self._shadow = Shadow(places, self._tags) if spec.shadow else None
+        own_dt = [-1 if place.shadow_dt is None else place.shadow_dt for place in places]
+        self._own_dt = np.array(own_dt, np.intp) if any(index >= 0 for index in own_dt) else None
+        self._inputs: Image | None = None
 
     def begin(self, scan: Scan, inputs: Image) -> None:
         """Judge the samples and decide the time steps; makes the kernel start anew where it has to."""
+        self._inputs = inputs
         self.enable.read(inputs)
+        self._obey()
         self.samples.judge(inputs, self._has_values)
-        self.time.advance(scan, self.samples, self.enable.state, self._kernel.init)
+        self.time.advance(scan, self.samples, self.enable.state, self._kernel.init, self._steps_of_the_plc(inputs))
         for row, index in self._contacts:
             self.given.contact[row] = inputs.values[index]  # NaN while it is Bad
+
+    def _obey(self) -> None:
+        """Do what clients have written since the last scan. A new tuning leaves the state as it is."""
+        commands = self.commands
+        if commands.retuned:
+            retuned: Flags = np.zeros(len(commands.resets), np.bool_)
+            for leaf, axis in commands.retuned:
+                self._tags.retuned(leaf, axis, float(self._kernel.tuning[leaf][axis]))
+                retuned[axis] = True
+            commands.retuned.clear()
+            if self._consistency is not None:
+                self._consistency.clear(retuned)
+        if commands.resets.any():
+            self._kernel.clear(commands.resets)
+            for room in (self._consistency, self._shadow):
+                if room is not None:
+                    room.clear(commands.resets)
+            commands.resets.fill(False)
+
+    def _steps_of_the_plc(self, inputs: Image) -> NDArray[np.float64] | None:
+        """The time steps that PLCs measured themselves, seconds; NaN where there is none."""
+        if self._own_dt is None:
+            return None
+        known = (self._own_dt >= 0) & (inputs.statuses[self._own_dt] < np.uint32(StatusCode.BAD))
+        return np.where(known, inputs.values[self._own_dt] / 1000.0, np.nan)
 
     def finish(self, scan: Scan, outputs: Image, results: NDArray[np.uint8], finite: NDArray[np.bool_]) -> None:
         """Write the standard tags of what the kernel did; `finite` tells where its state is a number."""
@@ -71,19 +113,30 @@ class AxisGroup:
             self._take_some(finite)
         if not usual or results.any():
             self._explain(results, finite)
+        else:
+            self._rejected.fill(False)
 
         if "NIS" in tags:
             innovation, S, nis = tags.row("Innovation"), tags.row("S"), tags.row("NIS")
             np.multiply(innovation, innovation, out=nis)
             np.divide(nis, S, out=nis, where=S > 0.0)
             np.copyto(nis, 0.0, where=~(S > 0.0))
+            np.minimum(nis, _MOST, out=nis)  # the square may overflow where nothing else did
+
+        stepped = time.rows & finite
+        if self._consistency is not None:
+            self._consistency.judge(samples, stepped, results)
+        if self._shadow is not None and self._inputs is not None:
+            self._shadow.judge(scan, self._inputs, samples, stepped, self.enable.state, results)
 
         tags.row("Raw")[:] = samples.raw
         tags.row("Age")[:] = self._age(scan)
+        tags.row("Skipped")[:] = self.time.skipped
         tags.row("Quality")[:] = quality(samples.status)
         tags.row("Reason")[:] = samples.reason
-        tags.row("Enabled")[:] = self.enable.state
-        tags.write(scan, outputs, samples, time.timestamps, self.enable.state)
+        tags.row("Enabled")[:] = tags.row("Enable")[:] = self.enable.state
+        tags.row("Reset")[:] = self.commands.reset_state
+        tags.write(scan, outputs, samples, time.timestamps)
 
     def park(self, outputs: Image) -> None:
         """Every estimate is NaN and BadInternalError from here; Raw stays as it was last."""
@@ -114,6 +167,9 @@ class AxisGroup:
         if "S" in self._tags:  # what is carried on may stem from a skipped update
             stuck = predicted & ~(self._tags.row("S") > 0.0)
             samples.status[stuck], samples.reason[stuck] = _OUTCOME[Result.S_NOT_POSITIVE]
+        np.copyto(self._rejected, results == Result.REJECTED, where=self.time.rows)
+        again = predicted & self._rejected  # a rejected sample is no better for being repeated
+        samples.status[again], samples.reason[again] = _OUTCOME[Result.REJECTED]
 
         lost = self.time.rows & ~finite
         if lost.any():
@@ -131,86 +187,3 @@ class AxisGroup:
         age: NDArray[np.float64] = scan.start - np.where(np.isnan(self._arrivals), self._started, self._arrivals)
         np.maximum(age, 0.0, out=age)
         return age
-
-
-class _Tags:
-    """The published tags of the group as arrays[tags, axes], and where they lie in the outputs."""
-
-    def __init__(self, places: Sequence[AxisPlace]) -> None:
-        blocks = [place.block for place in places]
-        leaves = _leaves(blocks[0])
-        for block in blocks:
-            if _leaves(block) != leaves:
-                raise ValueError(
-                    f"axes of one observer must have the same tags: {blocks[0].name} and {block.name} differ"
-                )
-        shape = (len(leaves), len(blocks))
-        self._rows = {leaf: row for row, leaf in enumerate(leaves)}
-        tuning = {leaf for tag, leaf in zip(blocks[0].tags, leaves, strict=True) if tag.role is Role.TUNING}
-        others = {"Raw", *STATE, *tuning}
-        self._estimates = np.array([row for leaf, row in self._rows.items() if leaf not in others], np.intp)
-        starts = np.array([block.start for block in blocks], np.intp)
-        self._index = starts[np.newaxis, :] + np.arange(len(leaves))[:, np.newaxis]
-        adjacent = bool((np.diff(starts) == len(leaves)).all())
-        self._run = slice(blocks[0].start, blocks[-1].stop) if adjacent else None
-        self._values = np.zeros(shape)
-        self._statuses = np.full(shape, StatusCode.GOOD, np.uint32)
-        self._stamps = np.zeros(shape, np.int64)
-        self._enable = np.zeros(len(blocks), np.bool_)
-        self._first = True
-
-    def __contains__(self, leaf: str) -> bool:
-        return leaf in self._rows
-
-    def row(self, leaf: str) -> NDArray[np.float64]:
-        """The values of one tag of every axis; they stay until they are overwritten."""
-        values: NDArray[np.float64] = self._values[self._rows[leaf]]
-        return values
-
-    def write(
-        self,
-        scan: Scan,
-        outputs: Image,
-        samples: Judgement,
-        timestamps: NDArray[np.int64],
-        enable: NDArray[np.bool_],
-    ) -> None:
-        """Copy everything into the outputs; estimates of axes without a value become NaN there, not here."""
-        rows, values = self._rows, self._values
-        self._statuses[self._estimates] = samples.status
-        self._statuses[rows["Raw"]] = samples.raw_status
-        self._stamps[self._estimates] = timestamps
-        self._stamps[rows["Raw"]] = samples.timestamps
-        for leaf in ("Age", "Quality", "Reason", "Enabled"):
-            self._stamps[rows[leaf]] = scan.timestamp
-        if self._first:  # tuning and Enable carry the time since when they are as they are
-            self._stamps[rows["Enable"] :] = scan.timestamp
-            self._first = False
-        np.copyto(self._stamps[rows["Enable"]], scan.timestamp, where=enable != self._enable)
-        self._enable[:] = values[rows["Enable"]] = enable
-
-        if samples.blank is not None and samples.blank.any():
-            values = values.copy()
-            values[np.ix_(self._estimates, np.flatnonzero(samples.blank))] = np.nan
-        for image, own in (
-            (outputs.values, values),
-            (outputs.statuses, self._statuses),
-            (outputs.source_timestamps, self._stamps),
-        ):
-            if self._run is None:
-                image[self._index] = own
-            else:
-                image[self._run].reshape(own.shape[::-1])[:] = own.T
-
-    def park(self, outputs: Image) -> None:
-        """Mark the estimates in the outputs, and say why."""
-        estimates = self._index[self._estimates]
-        outputs.values[estimates] = np.nan
-        outputs.statuses[estimates] = StatusCode.BAD_INTERNAL_ERROR
-        for leaf, value in (("Quality", 0), ("Reason", Reason.INTERNAL_ERROR), ("Enabled", 0)):
-            outputs.values[self._index[self._rows[leaf]]] = value
-            outputs.statuses[self._index[self._rows[leaf]]] = StatusCode.GOOD
-
-
-def _leaves(block: Block) -> list[str]:
-    return [tag.name.rpartition(".")[2] for tag in block.tags]

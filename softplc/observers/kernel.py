@@ -63,3 +63,48 @@ class Kernel(Protocol):
     def predict(self, dt: NDArray[np.float64]) -> tuple[Numbers, Numbers]:
         """Position and velocity carried on by dt seconds from the state, which stays as it is."""
         ...
+
+
+class BatchState(Protocol):
+    """What the adapters need of a batch kernel's state; arrays[n] that stay the same objects."""
+
+    init: Flags
+    y: Numbers
+    y_dot: Numbers
+
+    def finite(self) -> Flags:
+        """Axes without NaN and infinity."""
+        ...
+
+    def clear(self, rows: Flags) -> None:
+        """As before the first scan."""
+        ...
+
+
+class StateKernel:
+    """What the adapters of batch kernels share: the state behind the Kernel protocol, all but its `step`.
+
+    `estimates`: leaf → array of the state, beside Position and Velocity. `tuning`: leaf → array of the tuning.
+    """
+
+    def __init__(self, state: BatchState, estimates: Mapping[str, Numbers], tuning: Mapping[str, Numbers]) -> None:
+        self._axes = state
+        self.estimates: Mapping[str, Numbers] = {"Position": state.y, "Velocity": state.y_dot, **estimates}
+        self.tuning: Mapping[str, Numbers] = tuning
+
+    @property
+    def init(self) -> Flags:
+        """Which axes have started."""
+        return self._axes.init
+
+    def finite(self) -> Flags:
+        """Axes without NaN and infinity in the state."""
+        return self._axes.finite()
+
+    def clear(self, rows: Flags) -> None:
+        """Forget everything about these axes."""
+        self._axes.clear(rows)
+
+    def predict(self, dt: NDArray[np.float64]) -> tuple[Numbers, Numbers]:
+        """Position carried on at the velocity."""
+        return self._axes.y + self._axes.y_dot * dt, self._axes.y_dot

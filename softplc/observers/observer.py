@@ -35,7 +35,7 @@ class AxisObserver:
 
     def command(self, index: int, value: float) -> bool:
         """Take a written value for the tag at this index of `outputs`; False when it is none of the writable ones."""
-        return self._group.enable.command(index, value)
+        return self._group.commands.take(index, value)
 
     def park(self, outputs: Image) -> None:
         """Mark the estimates of every axis Bad: this observer failed and runs no more."""

@@ -1,6 +1,8 @@
 """The time step of each axis: measured, never lost, never negative; and what a repeated sample is worth."""
 
+import math
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,22 +13,27 @@ from softplc.timing import Scan
 
 Flags = NDArray[np.bool_]
 
+_SAME_STEP: Final = 1.5  # the PLC's step and ours are the same when they differ by less than this factor
+
 
 class TimeStep:
     """Decides for each axis and scan whether the observer steps and by how much. Arrays[axes], times in seconds.
 
     `dt`: the step where `rows` is true, the time to predict over where `predict` is true. `rows`: the observer
     takes this sample (or passes it through, where it is disabled). `predict`: it does not, and what is published
-    is the state carried on to now. `timestamps`: source timestamp of the newest used sample, ns.
+    is the state carried on to now. `timestamps`: source timestamp of the newest used sample, ns. `skipped`: scans
+    since start in which an enabled axis had no usable sample or no time went by.
     """
 
     def __init__(self, places: Sequence[AxisPlace]) -> None:
         n, specs = len(places), [place.spec for place in places]
         self._by_arrival = np.array([spec.dt_source == "arrival" for spec in specs])
-        self._by_stamp = np.array([spec.dt_source != "scan" for spec in specs])
+        self._by_stamp = np.array([spec.dt_source in ("source", "arrival") for spec in specs])
+        self._nominal = np.array([spec.dt_source == "nominal" for spec in specs])
         self._may_predict = np.array([spec.on_repeat == "predict" for spec in specs])
         self._held_after = np.array([spec.held_after for spec in specs])
         self._reinit_after = np.array([spec.reinit_after for spec in specs])
+        self._loses = np.array([spec.skipped_time == "lose" for spec in specs])
         self._by_scan_only = not (self._by_stamp.any() or self._may_predict.any())
 
         self._pending = np.zeros(n)  # measured time since the last step
@@ -39,14 +46,25 @@ class TimeStep:
         self._flag: Flags = np.zeros(n, np.bool_)
         self._running: Flags = np.zeros(n, np.bool_)
 
+        self.skipped = np.zeros(n, np.int64)
         self.timestamps = np.zeros(n, np.int64)
         self.dt = np.zeros(n)
         self.rows: Flags = np.zeros(n, np.bool_)
         self.predict: Flags = np.zeros(n, np.bool_)
 
-    def advance(self, scan: Scan, samples: Judgement, enabled: Flags, init: Flags) -> None:
-        """Decide this scan's steps; clears `init[axes]` where the observer has to start again."""
-        elapsed = scan.dt if scan.dt > 0.0 else 0.0
+    def advance(
+        self,
+        scan: Scan,
+        samples: Judgement,
+        enabled: Flags,
+        init: Flags,
+        of_the_plc: NDArray[np.float64] | None = None,
+    ) -> None:
+        """Decide this scan's steps; clears `init[axes]` where the observer has to start again.
+
+        `of_the_plc`: the step that the PLC's own observer used for this sample, seconds, NaN where that is not known.
+        """
+        elapsed = scan.dt if 0.0 < scan.dt < math.inf else 0.0
         usable = samples.usable
         self._pending += elapsed
         self._unseen += elapsed
@@ -69,13 +87,24 @@ class TimeStep:
             started = self.rows & ~running  # or disabled
             self.dt[started] = np.where(enabled[started], elapsed, 0.0)
             self._repeated_for[started] = 0.0
+        if self._nominal.any():
+            np.copyto(self.dt, scan.period, where=self._nominal & (self.dt > 0.0))
         np.copyto(self.dt, self._pending, where=self.predict)
+        if of_the_plc is not None:
+            self._follow(of_the_plc, running, enabled)
 
+        if not elapsed > 0.0 or not usable.all():
+            self._skip(elapsed, usable, enabled)
         np.copyto(self._pending, 0.0, where=self.rows)
         np.copyto(self._unseen, 0.0, where=usable)
         np.copyto(self.timestamps, samples.timestamps, where=usable)
         np.copyto(self._z, samples.z, where=usable)
         np.copyto(self._arrivals, samples.arrivals, where=usable)
+
+    def _skip(self, elapsed: float, usable: Flags, enabled: Flags) -> None:
+        """Count what is skipped, and forget its time where the axis is to lose it as the AOI's own text does."""
+        self.skipped += enabled & ~usable if elapsed > 0.0 else enabled
+        np.copyto(self._pending, 0.0, where=self._loses & ~usable)
 
     def _measure(self, scan: Scan, elapsed: float, samples: Judgement) -> None:
         """`dt` and `predict` of running axes where timestamps or repeated samples matter."""
@@ -83,7 +112,7 @@ class TimeStep:
         since = np.where(
             self._by_arrival,
             samples.arrivals - self._arrivals,
-            (samples.timestamps - self.timestamps) * 1e-9,
+            (samples.timestamps - self.timestamps) / 1e9,  # the double next to the quotient, as a PLC has it
         )
         same_stamp = since == 0.0
         # A frozen stamp under a new value is a new sample with a useless stamp, not a repetition.
@@ -104,3 +133,9 @@ class TimeStep:
         carried = np.where(sound & running, np.clip(-rest, 0.0, scan.period), 0.0)
         ahead = np.where(same_stamp, self._ahead + self._pending, carried)
         np.copyto(self._ahead, ahead, where=usable & ~predict)
+
+    def _follow(self, of_the_plc: NDArray[np.float64], running: Flags, enabled: Flags) -> None:
+        """Use the PLC's own steps, unless they cannot span the time that we measured: then a sample was missed."""
+        near = (of_the_plc < self.dt * _SAME_STEP) & (of_the_plc * _SAME_STEP > self.dt)
+        starts = ~running & enabled & (of_the_plc > 0.0) & (of_the_plc <= self._reinit_after)
+        np.copyto(self.dt, of_the_plc, where=self.rows & (starts | (running & near)))

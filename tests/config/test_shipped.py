@@ -12,12 +12,13 @@ from softplc.app.demo import PORTS, demo_config
 from softplc.config import schema
 from softplc.config.load import load
 from softplc.config.models import Config, WritableEnable
+from softplc.config.remarks import remarks
 from softplc.drivers.modbus.config import ModbusSource, ModbusTag
 from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
 
 FOLDER = Path(__file__).parents[2] / "config"
 SCHEMA = FOLDER / "softplc.schema.json"
-FILES = ("minimal.yaml", "demo.yaml", "plant.yaml")
+FILES = ("minimal.yaml", "demo.yaml", "plant.yaml", "observers.yaml", "end_stops.yaml")
 MODELINE = "# yaml-language-server: $schema=./softplc.schema.json\n"
 DRAFTS = {"2020-12": jsonschema.Draft202012Validator, "draft-07, as editors read it": jsonschema.Draft7Validator}
 
@@ -31,6 +32,17 @@ def errors(draft: str, data: Any) -> list[str]:
 def test_a_shipped_file_loads_and_names_its_schema(name: str) -> None:
     assert (FOLDER / name).read_text(encoding="utf-8").startswith(MODELINE)
     assert isinstance(load(FOLDER / name), Config)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_shipped_file_crosses_to_the_processes_as_it_is(name: str) -> None:
+    config = load(FOLDER / name)
+    assert Config.model_validate_json(config.as_json()) == config
+
+
+def test_the_file_of_all_observers_has_all_of_them_beside_the_one_with_stops() -> None:
+    shown = {axis.observer.type for name in ("observers", "end_stops") for axis in load(FOLDER / f"{name}.yaml").axes}
+    assert shown == set(schema.schema(Config)["$defs"]["Axis"]["properties"]["observer"][schema.CHOICES])
 
 
 @pytest.mark.parametrize("draft", DRAFTS)
@@ -102,6 +114,11 @@ def test_demo_is_the_experiment_of_the_paper_over_both_protocols() -> None:
 
 def test_demo_is_what_the_demo_command_runs() -> None:
     assert load(FOLDER / "demo.yaml") == demo_config(PORTS)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_shipped_file_gives_no_cause_for_remarks(name: str) -> None:
+    assert remarks(load(FOLDER / name)) == []
 
 
 def test_plant_shows_most_of_what_can_be_configured() -> None:

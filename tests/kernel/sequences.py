@@ -73,7 +73,7 @@ def tuning_of(inputs: Sequence[AoiInputs], precision: str) -> batch.AoiTuning:
 
 
 def run_batch(
-    sequences: Sequence[Sequence[AoiInputs]], precision: str
+    sequences: Sequence[Sequence[AoiInputs]], precision: str, step: Any = batch.step
 ) -> tuple[list[NDArray[np.float64]], list[list[Result]]]:
     """Several sequences as rows of one batch; a row whose sequence has ended is stepped no more."""
     n = len(sequences)
@@ -83,7 +83,7 @@ def run_batch(
     for k in range(max(map(len, sequences))):
         scans = [one[min(k, len(one) - 1)] for one in sequences]
         rows = np.array([k < len(one) for one in sequences])
-        codes = batch.step(
+        codes = step(
             state,
             tuning_of(scans, precision),
             EnableIn=np.array([scan.EnableIn for scan in scans]),
@@ -108,11 +108,9 @@ def ulps(got: NDArray[np.float64], expected: NDArray[np.float64], precision: str
     return int(np.where(same, 0, abs(a - b)).max())
 
 
-def assert_same(got: NDArray[np.float64], expected: NDArray[np.float64]) -> None:
+def assert_same(got: NDArray[np.float64], expected: NDArray[np.float64], names: Sequence[str] = OUTPUTS) -> None:
     """Every number equal, NaN equal to NaN; says which output parts first."""
     different = ~((got == expected) | (np.isnan(got) & np.isnan(expected)))
     if different.any():
         scan, column = np.argwhere(different)[0]
-        raise AssertionError(
-            f"scan {scan}, {OUTPUTS[column]}: {got[scan, column]!r} is not {expected[scan, column]!r}"
-        )
+        raise AssertionError(f"scan {scan}, {names[column]}: {got[scan, column]!r} is not {expected[scan, column]!r}")

@@ -14,7 +14,7 @@ _SPECIAL = [0.0, -0.0, 1e-300, 1e-45, -1.0, 1e30, 1e300, np.nan, np.inf, -np.inf
 _positions = st.one_of(st.floats(-1e4, 1e4), st.sampled_from(_SPECIAL))
 _steps = st.one_of(st.just(50.0), st.floats(0.1, 2000.0), st.sampled_from(_SPECIAL))
 _variances = st.one_of(st.floats(0.0, 100.0), st.sampled_from([*_SPECIAL, -0.5]))
-_scans = st.builds(
+any_scan = st.builds(
     AoiInputs,
     EnableIn=st.sampled_from([True, True, True, False]),
     x=_positions,
@@ -26,7 +26,7 @@ _scans = st.builds(
     BleedThresh=st.floats(0.0, 1e4),
     BleedFactor=st.floats(0.0, 1.0),
 )
-_sequences = st.lists(st.lists(_scans, min_size=1, max_size=12), min_size=1, max_size=5)
+_sequences = st.lists(st.lists(any_scan, min_size=1, max_size=12), min_size=1, max_size=5)
 
 
 @pytest.mark.parametrize("precision", ["real", "lreal"])
@@ -127,3 +127,12 @@ def test_real_state_is_single_precision_throughout():
     step(state, AoiInputs(True, 0.1, 50.0, 0.01, 0.1, 1.0), [0.1])
 
     assert {getattr(state, name).dtype for name in OUTPUTS if name != "init"} == {np.dtype(np.float32)}
+
+
+def test_tuning_changes_by_writing_into_its_arrays_and_never_by_putting_another_in_place():
+    tuning = tuning_of([AoiInputs(True, 0.0, 50.0, 0.01, 0.1, 1.0, True, 2.0, 0.5)] * 2, "lreal")
+    tuning.r_x[1] = 4.0
+
+    assert tuning.numbers[:, 1].tolist() == [0.01, 0.1, 4.0, 2.0, 0.5]
+    with pytest.raises(AttributeError, match="r_x is one array for good: write into it"):
+        tuning.r_x = np.ones(2)

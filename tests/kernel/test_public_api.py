@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_the_example_of_the_package_is_true():
-    assert doctest.testmod(softplc.kernel) == doctest.TestResults(failed=0, attempted=4)
+    assert doctest.testmod(softplc.kernel) == doctest.TestResults(failed=0, attempted=8)
 
 
 def test_every_public_name_has_a_docstring():

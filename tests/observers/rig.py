@@ -7,7 +7,7 @@ import numpy as np
 from softplc.interfaces import Observer
 from softplc.observers.aoi import AoiConfig
 from softplc.observers.axes import AxisPlace, AxisSpec, ObserverModel, axis_tags
-from softplc.observers.leaves import STATE
+from softplc.observers.leaves import CONSTANTS, JUDGED, STATE
 from softplc.sample import Reason, Sample, StatusCode
 from softplc.tags import Image, Role, Tag, TagTable
 from softplc.timing import Scan
@@ -86,8 +86,8 @@ class Rig:
         """Status of the estimates and the reason; checks that they all carry that status and that NaN means Bad."""
         tags = next(block for block in self.table.blocks if block.name == f"A{axis}").tags
         leaves = {tag.name.rpartition(".")[2]: tag for tag in tags}
-        good = {leaf for leaf, tag in leaves.items() if leaf in STATE or tag.role is Role.TUNING}
-        statuses = {self.status(leaf, axis) for leaf in leaves.keys() - good - {"Raw"}}
+        good = {leaf for leaf, tag in leaves.items() if leaf in STATE + CONSTANTS or tag.role is Role.TUNING}
+        statuses = {self.status(leaf, axis) for leaf in leaves.keys() - good - {"Raw", *JUDGED}}
         assert len(statuses) == 1
         status = statuses.pop()
         for leaf in leaves.keys() - good:
@@ -103,10 +103,14 @@ def make_rig(
     period: float = 0.05,
     enable_tag: bool = False,
     contact_tag: bool = False,
+    shadow_tags: bool = False,
+    shadow_dt: bool = True,
     scattered: bool = False,
 ) -> Rig:
     """A rig for these axes (one plain axis when none is given), all with observers of the same type.
 
+    `shadow_tags`: each axis also has inputs for the PLC's own position, velocity and time step, behind all others;
+    `shadow_dt`: the last of them is used.
     `scattered` puts other tags between their blocks.
     """
     pairs = [axis if isinstance(axis, tuple) else (axis, CONFIG) for axis in axes or (AxisSpec("A0"),)]
@@ -116,9 +120,17 @@ def make_rig(
     for row, (spec, config) in enumerate(pairs):
         block = table.add_block(spec.name, "axis", axis_tags(spec, config))
         enable, contact = len(pairs) if enable_tag else None, len(pairs) + enable_tag if contact_tag else None
-        places.append(AxisPlace(spec, row, enable, block, contact))
+        last = len(pairs) + enable_tag + contact_tag + 3 * row
+        shadow = (last, last + 1, last + 2 if shadow_dt else None) if shadow_tags else (None, None, None)
+        places.append(AxisPlace(spec, row, enable, block, contact, *shadow))
         if scattered:
             table.add_block(f"between{row}", "axis", [Tag(f"between{row}.x"), Tag(f"between{row}.y")])
     table.close_section("main")
     observer = pairs[0][1].build(places, [config for _, config in pairs])
-    return Rig(table, Image(len(pairs) + enable_tag + contact_tag), Image(len(table)), observer, period)
+    return Rig(
+        table,
+        Image(len(pairs) + enable_tag + contact_tag + 3 * shadow_tags * len(pairs)),
+        Image(len(table)),
+        observer,
+        period,
+    )

@@ -25,6 +25,19 @@ def test_every_dt_source_uses_the_measured_interval(dt_source: DtSource):
     assert steps == pytest.approx([0.05, 0.061, 0.043, 0.05], abs=1e-8)  # stamps are whole ns
 
 
+def test_a_nominal_step_is_the_period_whatever_time_went_by():
+    rig = make_rig(axis("nominal"))
+    rig.scan(0.0)
+
+    steps = []
+    for z, dt in ((1.0, 0.061), (math.nan, 0.05), (1.0, 0.05), (1.0, 0.0)):
+        rig.scan(z, dt=dt)
+        steps.append(rig.get("Dt"))
+
+    assert steps[0] == steps[2] == 0.05
+    assert steps[3] == 0.0  # no time went by
+
+
 @pytest.mark.parametrize(("dt_source", "on_repeat"), MODES)
 def test_time_without_a_usable_sample_is_not_lost(dt_source: DtSource, on_repeat: OnRepeat):
     rig = make_rig(axis(dt_source, on_repeat))

@@ -9,6 +9,7 @@ import pytest
 
 from softplc.publishers.modbus.layout import layout
 from softplc.publishers.modbus.map import COLUMNS, build_map, render
+from softplc.publishers.modbus.offsets import AXIS
 from softplc.publishers.modbus.placement import PlacementError, place
 from softplc.publishers.modbus.rows import numbered
 from softplc.scan import task_tags
@@ -25,7 +26,8 @@ def test_every_tag_has_exactly_one_row_and_no_two_rows_share_a_register():
     rows = layout(table).rows
     taken = [row.address + word for row in rows for word in range(row.registers)]
 
-    assert {tag.name for tag in table} <= {row.name for row in rows}
+    with_register = {tag.name for tag in table if tag.name.rpartition(".")[2] not in AXIS.absent}
+    assert with_register <= {row.name for row in rows}
     assert len({row.name for row in rows}) == len(rows)
     assert len(set(taken)) == len(taken)
 
@@ -44,13 +46,14 @@ def test_every_published_tag_of_a_task_a_source_and_an_axis_has_a_fixed_place():
     axis = "Position 0 Velocity 2 Raw 4 Innovation 6 S 8 K0 10 K1 12 P00 14 P01 16 P11 18 NIS 20 Dt 22 Age 24 q_x 32 \
         q_x_dot 34 r_x 36 BleedThresh 38 BleedFactor 40 Quality 42 Reason 43 Enabled 44 Enable 45 BleedEnable 46 \
         AgeMs 47 Status 48"
+    consistency = " NISMean 28 Outside 30 Autocorrelation 50 Consistency 62"
     header = (
         "CheckWord 0 MapVersion 1 CheckOne 2 CheckNegative 4 MapCrc 6 Heartbeat 7 Axes 8 Tasks 9 Sources 10 Alive 11"
     )
 
     golden = {}
     blocks = (("", 0, header), ("Tasks.main.", 100, task), ("Sources.plc1.", 1000, source))
-    for prefix, start, text in (*blocks, ("AxisX.", 3000, axis), ("AxisY.", 3064, axis)):
+    for prefix, start, text in (*blocks, ("AxisX.", 3000, axis + consistency), ("AxisY.", 3064, axis)):
         words = text.split()
         golden |= {prefix + leaf: start + int(offset) for leaf, offset in zip(words[::2], words[1::2], strict=True)}
     assert golden == rows
@@ -75,7 +78,7 @@ def test_a_tag_that_is_added_moves_no_other():
     after = {row.name: row.address for row in layout(more).rows}
 
     assert before == {name: after[name] for name in before}
-    assert [after[f"{block}.New"] for block in ("Tasks.main", "Sources.plc1", "AxisX")] == [150, 1016, 3050]
+    assert [after[f"{block}.New"] for block in ("Tasks.main", "Sources.plc1", "AxisX")] == [150, 1016, 3052]
     assert [after[f"{block}.Flag"] for block in ("Tasks.main", "Sources.plc1", "AxisX")] == [199, 1019, 3063]
 
 

@@ -59,7 +59,7 @@ async def test_an_anonymous_client_writes_no_value_of_any_node(served: Served, a
 
     assert len(items) > 6000  # the standard's nodes and ours
     assert {CODES.BadNotWritable, CODES.BadAttributeIdInvalid, CODES.BadUserAccessDenied} == set(statuses)
-    assert statuses.count(CODES.BadUserAccessDenied) == 1  # the one writable tag
+    assert statuses.count(CODES.BadUserAccessDenied) == len([tag for tag in served.exchange.table if tag.writable])
     assert served.exchange.writer.commands() == []
 
 
@@ -107,6 +107,39 @@ async def test_a_configured_user_writes_enable_and_it_arrives_as_a_command(serve
     served.exchange.set("AxisY.Enable", 0.0)
     await served.scan()
     assert await node.read_value() is False
+
+
+@pytest.mark.parametrize(
+    ("leaf", "value", "accepted"),
+    [
+        ("r_x", 0.25, True),
+        ("r_x", 0.0, False),
+        ("r_x", -1.0, False),
+        ("q_x", 0.0, True),
+        ("q_x", -1e-9, False),
+        ("q_x_dot", math.nan, False),
+        ("q_x_dot", math.inf, False),
+        ("BleedFactor", 0.5, True),
+        ("BleedFactor", 1.0, False),
+        ("BleedFactor", 0.0, False),
+        ("BleedEnable", True, True),
+        ("Reset", True, True),
+    ],
+)
+async def test_a_configured_user_writes_the_tuning_within_its_limits(
+    served: Served, engineer: Client, leaf: str, value: float, accepted: bool
+) -> None:
+    await served.scan()
+    status = await write_value(engineer, ua.NodeId(f"AxisY.{leaf}", 2), value)
+
+    taken = served.exchange.writer.commands()
+    if accepted:
+        assert (status, taken) == (
+            CODES.GoodCompletesAsynchronously,
+            [(served.exchange.table.index(f"AxisY.{leaf}"), float(value))],
+        )
+    else:
+        assert (status, taken) == (CODES.BadOutOfRange, [])
 
 
 async def test_a_configured_user_writes_nothing_else(served: Served, engineer: Client) -> None:

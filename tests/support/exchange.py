@@ -11,8 +11,8 @@ from softplc.tags import DataType, Image, Tag, TagTable
 from softplc.timing import Scan
 
 AXES = (
-    AxisSpec("AxisX", unit="mm", range=(-500.0, 500.0)),
-    AxisSpec("AxisY", unit="deg", enable_writable=True),
+    AxisSpec("AxisX", unit="mm", range=(-500.0, 500.0), consistency=(200, 5)),
+    AxisSpec("AxisY", unit="deg", enable_writable=True, tuning_writable=True),
 )
 OBSERVER = AoiConfig(type="aoi", r_x=4 / 3, bleed=Bleed(threshold=0.5, factor=0.9))
 

@@ -54,6 +54,17 @@ def test_the_shipped_examples_are_valid(name):
     assert json.loads(done.stdout)
 
 
+def test_check_says_what_works_but_not_as_one_would_wish(tmp_path):
+    path = tmp_path / "c.yaml"
+    bleeding = (
+        (ROOT / "config" / "minimal.yaml").read_text().replace("r_x: ", "bleed: {threshold: 1, factor: 0.9}, r_x: ")
+    )
+    path.write_text(bleeding)
+    done = softplc("check", str(path))
+    assert done.returncode == 0, done.stderr
+    assert "AxisX: bleed also acts on a well-tracked ramp" in " ".join(done.stderr.split())
+
+
 def test_check_connect_exits_69_and_says_which_source_when_none_answers(tmp_path):
     path = tmp_path / "c.yaml"
     path.write_text(

@@ -2,19 +2,24 @@
 
 Names, equations and units are those of the reference. The arithmetic runs over all rows in buffers that are made
 once, and is then committed to the rows that it is meant for; where every row is in the normal course of things
-the commit is one plain copy. Bit-equal to the reference in both precisions: no x ** 2, no matrix product, no
-fused multiply-add.
+the correction goes right into the state. Bit-equal to the reference in both precisions: no x ** 2, no matrix
+product, no fused multiply-add.
 """
 
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from softplc.kernel.result import Result
 
+if TYPE_CHECKING:
+    from softplc.kernel.batch.aoi_options import AoiBatchOptions
+
 Numbers = NDArray[Any]  # float64[n] (LREAL) or float32[n] (REAL)
 Flags = NDArray[np.bool_]
+Step = Callable[..., NDArray[np.uint8]]  # step, or what does the same faster
 
 _PREDICTED = slice(0, 3)  # x_pred, y_res, S: written by every scan with a valid dt
 _CORRECTED = slice(3, 10)  # x_dot_pred, P0..P3, K0, K1: written only when S > 0
@@ -23,19 +28,25 @@ _CORRECTED = slice(3, 10)  # x_dot_pred, P0..P3, K0, K1: written only when S > 0
 class AoiBatchState:
     """The persistent variables of n function blocks as arrays[n], named as in the Structured Text; zero at first.
 
-    The y and y_dot of a row are also its outputs.
+    The y and y_dot of a row are also its outputs. The last three are of the options and stay zero without them:
+    positions are relative to `offset` (float64), `in_a_row` and `rejected` count rejected samples. The rows of
+    `numbers` are the same memory: x_pred, y_res, S, x_dot_pred, P0 to P3, K0, K1, dt_s, y, y_dot. Those of `bytes`
+    are init and the results of the last step.
     """
 
     def __init__(self, n: int, dtype: DTypeLike = np.float64) -> None:
         self.dtype = np.dtype(dtype)
-        self.init: Flags = np.zeros(n, np.bool_)
-        self.dt_s: Numbers = np.zeros(n, self.dtype)
-        self.y: Numbers = np.zeros(n, self.dtype)
-        self.y_dot: Numbers = np.zeros(n, self.dtype)
-        self._rows: Numbers = np.zeros((10, n), self.dtype)
+        self.bytes: NDArray[np.uint8] = np.zeros((2, n), np.uint8)
+        self.init: Flags = self.bytes[0].view(np.bool_)
+        self.numbers: Numbers = np.zeros((13, n), self.dtype)
+        self.dt_s, self.y, self.y_dot = self.numbers[10:]
+        self._rows: Numbers = self.numbers[:10]
         self.x_pred, self.y_res, self.S = self._rows[_PREDICTED]
         self.x_dot_pred, self.P0, self.P1, self.P2, self.P3, self.K0, self.K1 = self._rows[_CORRECTED]
-        self._scratch = _Scratch(n, self.dtype)
+        self.offset: NDArray[np.float64] = np.zeros(n)
+        self.in_a_row: NDArray[np.int64] = np.zeros(n, np.int64)
+        self.rejected: NDArray[np.int64] = np.zeros(n, np.int64)
+        self._scratch = _Scratch(n, self.dtype, self.bytes[1])
 
     def __len__(self) -> int:
         return len(self.init)
@@ -48,13 +59,17 @@ class AoiBatchState:
 
     def clear(self, rows: Flags) -> None:
         """Forget everything about these rows, as before the first scan."""
-        for array in (self.init, self.dt_s, self.y, self.y_dot):
+        for array in (self.init, self.dt_s, self.y, self.y_dot, self.offset, self.in_a_row, self.rejected):
             array[rows] = 0
         self._rows[:, rows] = 0
 
 
 class AoiTuning:
-    """The tuning inputs of n function blocks as arrays[n] in the precision of the state."""
+    """The tuning inputs of n function blocks as arrays[n] in the precision of the state; `options`: those in use.
+
+    To change the tuning, write into an array: putting another in its place raises AttributeError, since others hold
+    the same memory. It is that of the rows of `numbers`: q_x, q_x_dot, r_x, BleedThresh, BleedFactor.
+    """
 
     def __init__(
         self,
@@ -66,20 +81,26 @@ class AoiTuning:
         BleedEnable: ArrayLike,
         BleedThresh: ArrayLike,
         BleedFactor: ArrayLike,
+        options: "AoiBatchOptions | None" = None,
     ) -> None:
+        self.options = options
         with np.errstate(all="ignore"):
-            self.q_x: Numbers = np.array(q_x, dtype)
-            self.q_x_dot: Numbers = np.array(q_x_dot, dtype)
-            self.r_x: Numbers = np.array(r_x, dtype)
-            self.BleedEnable: Flags = np.array(BleedEnable, np.bool_)
-            self.BleedThresh: Numbers = np.array(BleedThresh, dtype)
-            self.BleedFactor: Numbers = np.array(BleedFactor, dtype)
+            self.numbers: Numbers = np.stack(
+                [np.array(one, dtype) for one in (q_x, q_x_dot, r_x, BleedThresh, BleedFactor)]
+            )
+        self.q_x, self.q_x_dot, self.r_x, self.BleedThresh, self.BleedFactor = self.numbers
+        self.BleedEnable: Flags = np.array(BleedEnable, np.bool_)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if hasattr(vars(self).get(name), "dtype"):
+            raise AttributeError(f"{name} is one array for good: write into it")
+        super().__setattr__(name, value)
 
 
 class _Scratch:
     """Buffers of one step: what the next state would be, and what is needed on the way."""
 
-    def __init__(self, n: int, dtype: np.dtype[Any]) -> None:
+    def __init__(self, n: int, dtype: np.dtype[Any], result: NDArray[np.uint8]) -> None:
         self.x: Numbers = np.zeros(n, dtype)
         self.dt_s: Numbers = np.zeros(n, dtype)
         self.rows: Numbers = np.zeros((10, n), dtype)
@@ -94,7 +115,7 @@ class _Scratch:
         self.flag: Flags = np.zeros(n, np.bool_)
         self.finite: Flags = np.zeros((10, n), np.bool_)
         self.all_finite: Flags = np.zeros(n, np.bool_)
-        self.result: NDArray[np.uint8] = np.zeros(n, np.uint8)
+        self.result = result
 
 
 @np.errstate(all="ignore")
@@ -111,8 +132,20 @@ def step(
 
     Returns the Result of each row, valid until the next step.
     """
+    if tuning.options is not None:
+        return tuning.options.step(state, tuning, EnableIn=EnableIn, x=x, dt=dt, rows=rows)
     new = state._scratch
     new.x[:] = x
+    if _all_usual(state, new, EnableIn, dt, rows):
+        _predict(state, new, tuning, state)
+        if state.S.min() > 0.0:  # nothing to choose: correct in place
+            _correct(state, new, tuning, state)
+            np.copyto(state.dt_s, new.dt_s)
+            np.copyto(state.y, state.x_pred)
+            np.copyto(state.y_dot, state.x_dot_pred)
+            new.result.fill(Result.UPDATED)
+            return new.result
+
     new.dt_s[:] = dt
     np.less_equal(new.dt_s, 0.0, out=new.flag)
     np.divide(new.dt_s, 1000.0, out=new.dt_s)
@@ -126,21 +159,25 @@ def step(
     if starting is not None:
         _initialise(state, starting, new.x)
 
-    _predict(state, new, tuning)
+    _predict(state, new, tuning, new)
     np.greater(new.S, 0.0, out=new.ok)
-    _correct(state, new, tuning)
-
+    _correct(state, new, tuning, new)
     new.result.fill(Result.UPDATED)
-    if new.go.all():
-        np.copyto(state.dt_s, new.dt_s)
-        _commit_all(state, new)
-    else:
-        np.copyto(state.dt_s, new.dt_s, where=new.run)
-        _commit_some(state, new, rows)
+    _commit(state, new, rows)
     if starting is not None:
         started = new.result[starting]
         new.result[starting] = np.where(started == Result.UPDATED, np.uint8(Result.INITIALISED), started)
     return new.result
+
+
+def _all_usual(state: AoiBatchState, new: _Scratch, EnableIn: Flags, dt: NDArray[Any], rows: Flags) -> bool:
+    """Whether every row is to be stepped, enabled, initialised and has a valid dt; then `new.dt_s` is right."""
+    n = len(state)
+    if n == 0 or any(np.count_nonzero(flags) < n for flags in (rows, EnableIn, state.init)):
+        return False
+    new.dt_s[:] = dt
+    np.divide(new.dt_s, 1000.0, out=new.dt_s)
+    return bool(new.dt_s.min() > 0.0)  # NaN is not
 
 
 def _initialise(state: AoiBatchState, rows: NDArray[np.intp], x: Numbers) -> None:
@@ -156,10 +193,20 @@ def _initialise(state: AoiBatchState, rows: NDArray[np.intp], x: Numbers) -> Non
     state.init[rows] = True
 
 
-def _predict(state: AoiBatchState, new: _Scratch, tuning: AoiTuning) -> None:
-    """Equations (2) to (12) and (17), into the scratch buffers."""
+def _predict(state: AoiBatchState, new: _Scratch, tuning: AoiTuning, out: "AoiBatchState | _Scratch") -> None:
+    """Equations (2) to (12) and (17), into the scratch buffers; y_res and S into the rows of `out`."""
+    _propagate(state, new)
+    x_cov0, _, _, x_cov3 = new.x_cov
+    np.add(x_cov0, tuning.q_x, out=x_cov0)
+    np.add(state.P3, tuning.q_x_dot, out=x_cov3)
+    np.subtract(new.x, new.x_pred, out=out.y_res)
+    np.add(x_cov0, tuning.r_x, out=out.S)
+
+
+def _propagate(state: AoiBatchState, new: _Scratch) -> None:
+    """Equations (2) to (9); (10) leaves P11 as it is."""
     dt_s, a, b = new.dt_s, new.a, new.b
-    x_cov0, x_cov1, x_cov2, x_cov3 = new.x_cov
+    x_cov0, x_cov1, x_cov2, _ = new.x_cov
 
     np.multiply(dt_s, state.x_dot_pred, out=a)
     np.add(state.x_pred, a, out=new.x_pred)
@@ -172,59 +219,42 @@ def _predict(state: AoiBatchState, new: _Scratch, tuning: AoiTuning) -> None:
     np.multiply(dt_s, x_cov1, out=b)
     np.add(a, b, out=x_cov0)
 
-    np.add(x_cov0, tuning.q_x, out=x_cov0)
-    np.add(state.P3, tuning.q_x_dot, out=x_cov3)
 
-    np.subtract(new.x, new.x_pred, out=new.y_res)
-    np.add(x_cov0, tuning.r_x, out=new.S)
-
-
-def _correct(state: AoiBatchState, new: _Scratch, tuning: AoiTuning) -> None:
-    """Equations (16) to (22), into the scratch buffers; where S is not positive the position stays predicted."""
+def _correct(state: AoiBatchState, new: _Scratch, tuning: AoiTuning, out: "AoiBatchState | _Scratch") -> None:
+    """Equations (16) to (22), into the rows of `out`; where S is not positive the position stays predicted."""
     a, b = new.a, new.b
     x_cov0, x_cov1, x_cov2, x_cov3 = new.x_cov
 
-    np.divide(x_cov0, new.S, out=new.K0)
-    np.divide(x_cov2, new.S, out=new.K1)
+    np.divide(x_cov0, out.S, out=out.K0)
+    np.divide(x_cov2, out.S, out=out.K1)
 
-    np.multiply(new.K0, new.y_res, out=a)
-    if new.ok.all():
-        np.add(new.x_pred, a, out=new.x_pred)
+    np.multiply(out.K0, out.y_res, out=a)
+    if out is state:
+        np.add(new.x_pred, a, out=out.x_pred)
     else:
-        np.add(new.x_pred, a, out=new.x_pred, where=new.ok)
-    np.multiply(new.K1, new.y_res, out=a)
-    np.add(state.x_dot_pred, a, out=new.x_dot_pred)
+        np.add(new.x_pred, a, out=out.x_pred, where=new.ok)
+    np.multiply(out.K1, out.y_res, out=a)
+    np.add(state.x_dot_pred, a, out=out.x_dot_pred)
 
     if tuning.BleedEnable.any():
-        np.subtract(new.x, new.x_pred, out=a)
+        np.subtract(new.x, out.x_pred, out=a)
         np.abs(a, out=a)
         np.less(a, tuning.BleedThresh, out=new.flag)
         np.logical_and(new.flag, tuning.BleedEnable, out=new.flag)
-        np.multiply(new.x_dot_pred, tuning.BleedFactor, out=new.x_dot_pred, where=new.flag)
+        np.multiply(out.x_dot_pred, tuning.BleedFactor, out=out.x_dot_pred, where=new.flag)
 
-    np.subtract(1.0, new.K0, out=a)
-    np.multiply(a, x_cov0, out=new.P0)
-    np.multiply(a, x_cov1, out=new.P1)
-    new.P2[:] = new.P1
-    np.multiply(new.K1, x_cov1, out=b)
-    np.subtract(x_cov3, b, out=new.P3)
-
-
-def _commit_all(state: AoiBatchState, new: _Scratch) -> None:
-    """Every row predicts; the correction goes to those with S > 0."""
-    if new.ok.all():
-        np.copyto(state._rows, new.rows)
-    else:
-        np.copyto(state._rows[_PREDICTED], new.rows[_PREDICTED])
-        np.copyto(state._rows[_CORRECTED], new.rows[_CORRECTED], where=new.ok)
-        new.result[~new.ok] = Result.S_NOT_POSITIVE
-    np.copyto(state.y, state.x_pred)
-    np.copyto(state.y_dot, state.x_dot_pred)
+    np.subtract(1.0, out.K0, out=a)
+    np.multiply(a, x_cov0, out=out.P0)
+    np.multiply(a, x_cov1, out=out.P1)
+    out.P2[:] = out.P1
+    np.multiply(out.K1, x_cov1, out=b)
+    np.subtract(x_cov3, b, out=out.P3)
 
 
-def _commit_some(state: AoiBatchState, new: _Scratch, rows: Flags) -> None:
-    """Some rows are disabled, have an invalid dt, or are not to be stepped at all."""
+def _commit(state: AoiBatchState, new: _Scratch, rows: Flags) -> None:
+    """Some rows are disabled, have an invalid dt or S, or are not to be stepped at all."""
     go, run = new.go, new.run
+    np.copyto(state.dt_s, new.dt_s, where=run)
     np.copyto(state._rows[_PREDICTED], new.rows[_PREDICTED], where=go)
     np.copyto(state._rows[_CORRECTED], new.rows[_CORRECTED], where=go & new.ok)
     np.copyto(state.y, state.x_pred, where=go)

@@ -101,7 +101,7 @@ def _section(table: TagTable, block: Block, frame: Frame, start: int) -> Section
 
 def _offsets(block: Block, frame: Frame) -> list[int | None]:
     """The offset of each tag of a block: fixed by its leaf, else the next free one; None for one without register."""
-    front, back = frame.free.start, frame.free.stop
+    taken = _taken(block, frame)
     offsets: list[int | None] = []
     for tag in block.tags:
         fixed = frame.offsets.get(_leaf(tag))
@@ -110,15 +110,29 @@ def _offsets(block: Block, frame: Frame) -> list[int | None]:
             offsets.append(fixed)
         elif _leaf(tag) in frame.absent:
             offsets.append(None)
-        elif width == 1:
-            back -= 1
-            offsets.append(back)
         else:
-            offsets.append(front)
-            front += width
-        if front > back:
-            raise PlacementError([(None, f"{tag.name}: no register left in a block of {frame.area.stride}")])
+            found = _free(frame, taken, width)
+            if found is None:
+                raise PlacementError([(None, f"{tag.name}: no register left in a block of {frame.area.stride}")])
+            offsets.append(found)
+            taken.update(range(found, found + width))
     return offsets
+
+
+def _taken(block: Block, frame: Frame) -> set[int]:
+    """Offsets that the block's tags with fixed ones occupy."""
+    fixed = [(frame.offsets.get(_leaf(tag)), TYPE_OF[tag.data_type].registers) for tag in block.tags]
+    return {offset for first, width in fixed if first is not None for offset in range(first, first + width)}
+
+
+def _free(frame: Frame, taken: set[int], width: int) -> int | None:
+    """The first free run of so many registers, the last one for a single register; None where there is none."""
+    offsets = reversed(frame.free) if width == 1 else frame.free
+    for first in offsets:
+        run = range(first, first + width)
+        if run.stop <= frame.free.stop and taken.isdisjoint(run):
+            return first
+    return None
 
 
 def _row(address: int, tag: Tag, index: int) -> Row:

@@ -99,25 +99,63 @@ AXIS: Final = Frame(
         "P11": 18,
         "NIS": 20,
         "Dt": 22,
-        "Age": 24,  # 26…31 are kept for estimates to come
+        "Age": 24,
+        # 26: what one observer estimates beside the others
+        "Acceleration": 26,
+        "Cutoff": 26,
+        "Impacts": 26,
+        "NISMean": 28,
+        "Outside": 30,
+        # 32…41 and 46: tuning; an axis has one observer, so each may use them all
         "q_x": 32,
         "q_x_dot": 34,
         "r_x": 36,
-        "Q": 34,
-        "R": 36,
         "BleedThresh": 38,
         "BleedFactor": 40,
+        "BleedEnable": 46,
+        "Q": 34,
+        "R": 36,
+        "Band": 38,
+        "Restitution": 40,
+        "Contact": 46,
+        "top_speed": 32,
+        "top_acceleration": 34,
+        "q_x_ddot": 38,
+        "q_jerk": 32,
+        "window": 32,
+        "cycle": 32,
+        "alpha": 32,
+        "beta": 34,
+        "sigma_w": 32,
+        "sigma_v": 34,
+        "min_cutoff": 32,
+        "cutoff_slope": 34,
+        "d_cutoff": 36,
+        # state and commands
         "Quality": 42,
         "Reason": 43,
         "Enabled": 44,
         "Enable": 45,
-        "BleedEnable": 46,
+        # consistency, shadow, innovation gate
+        "Autocorrelation": 50,
+        "PositionDelta": 52,
+        "VelocityDelta": 54,
+        "PositionDeltaMax": 56,
+        "VelocityDeltaMax": 58,
+        "Rejected": 60,
+        "Consistency": 62,
     },
     (
         Derived(47, "AgeMs", _U16, "ms", "Age in whole ms; 65535 when longer or unknown", Origin.MILLISECONDS, "Age"),
         Derived(48, "Status", _U32, "", "OPC UA StatusCode of the position", Origin.STATUS, "Position"),
     ),
     range(50, 64),
+    frozenset(
+        {"K2", "P02", "P12", "P22", "LowerStop", "UpperStop", "Skipped", "Reset"}
+        | {"min_r", "GateSigma", "GateMost", "BleedOn", "BleedVelocity"}
+        | {"HoldProbability", "CruiseProbability", "ManoeuvreProbability"}
+        | {"NISLow", "NISHigh", "AutocorrelationMax", "AutocorrelationLimit", "MinEigenvalue", "CovarianceValid"}
+    ),
 )
 FRAMES: Final = {"task": TASK, "source": SOURCE, "axis": AXIS}
 """Kind of block (`softplc.tags.Block.kind`) → its frame, in order of address."""

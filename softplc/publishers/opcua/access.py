@@ -125,6 +125,7 @@ def _judge(tag: Tag, variant: Any) -> int:
     value = float(variant.Value)
     if not math.isfinite(value):
         return int(ua.StatusCodes.BadOutOfRange)
-    if tag.range is not None and not tag.range[0] <= value <= tag.range[1]:
+    limits = tag.limits or tag.range
+    if limits is not None and not limits[0] <= value <= limits[1]:
         return int(ua.StatusCodes.BadOutOfRange)
     return 0

@@ -23,6 +23,7 @@ from typing import Any, Final
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace, AttributeValue, NodeData
 
+from softplc.kernel.diagnosis import DIAGNOSIS_TEXT, Diagnosis
 from softplc.publishers.opcua.values import VARIANT_TYPES, TagValues
 from softplc.sample import REASON_TEXT, Quality, Reason
 from softplc.tags import Block, DataType, Tag, TagTable
@@ -49,6 +50,7 @@ DEFAULT_RANGE: Final = (-1000.0, 1000.0)
 # Enumerations among the tags of a block kind: what each number means.
 _STATES: Final[dict[tuple[str, str], tuple[str, ...]]] = {
     ("axis", "Reason"): tuple(REASON_TEXT[reason] or "none" for reason in Reason),
+    ("axis", "Consistency"): tuple(DIAGNOSIS_TEXT[diagnosis] for diagnosis in Diagnosis),
     ("axis", "Quality"): tuple(quality.name.capitalize() for quality in Quality),
 }
 
