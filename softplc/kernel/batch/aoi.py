@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from softplc.kernel.batch.aoi_steady import Steady, tuning_parts
+from softplc.kernel.batch.memory import aligned
 from softplc.kernel.result import Result
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ class AoiBatchState:
         self.dtype = np.dtype(dtype)
         self.bytes: NDArray[np.uint8] = np.zeros((2, n), np.uint8)
         self.init: Flags = self.bytes[0].view(np.bool_)
-        self.numbers: Numbers = np.zeros((13, n), self.dtype)
+        self.numbers: Numbers = aligned((13, n), self.dtype)
         self.dt_s, self.y, self.y_dot = self.numbers[10:]
         self._rows: Numbers = self.numbers[:10]
         self.x_pred, self.y_res, self.S = self._rows[_PREDICTED]
@@ -87,9 +88,9 @@ class AoiTuning:
     ) -> None:
         self.options = options
         with np.errstate(all="ignore"):
-            self.numbers: Numbers = np.stack(
-                [np.array(one, dtype) for one in (q_x, q_x_dot, r_x, BleedThresh, BleedFactor)]
-            )
+            rows = np.stack([np.array(one, dtype) for one in (q_x, q_x_dot, r_x, BleedThresh, BleedFactor)])
+        self.numbers: Numbers = aligned(rows.shape, dtype)
+        self.numbers[:] = rows
         self.q_x, self.q_x_dot, self.r_x, self.BleedThresh, self.BleedFactor = self.numbers
         self.BleedEnable: Flags = np.array(BleedEnable, np.bool_)
         self._parts = tuning_parts(self.numbers, self.BleedEnable)

@@ -11,6 +11,8 @@ import numpy as np
 from numpy import add, divide, multiply, subtract
 from numpy.typing import NDArray
 
+from softplc.kernel.batch.memory import aligned
+
 Numbers = NDArray[Any]
 Flags = NDArray[np.bool_]
 
@@ -71,11 +73,11 @@ class Steady:
         n, dtype = numbers.shape[1], numbers.dtype
         parts = slices(n)
         size = parts[0].stop
-        flag, buffers = np.zeros(size, np.bool_), np.zeros((4, size), dtype)
+        flag, buffers = np.zeros(size, np.bool_), [aligned((size,), dtype) for _ in range(4)]
         self._parts: list[StatePart] = []
         for these in parts:
             m = these.stop - these.start
-            self._parts.append(StatePart(these, flag[:m], *buffers[:, :m], *numbers[:, these]))
+            self._parts.append(StatePart(these, flag[:m], *(buffer[:m] for buffer in buffers), *numbers[:, these]))
         self._dtype, self._dt_s = dtype, numbers[10]
         self._one, self._thousand, self._d = np.ones((), dtype), np.full((), 1000.0, dtype), np.zeros((), dtype)
 
