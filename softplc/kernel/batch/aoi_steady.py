@@ -1,7 +1,7 @@
 """The Logix AOI on arrays in the normal course of things: every axis enabled and initialised, its Δt and S positive.
 
 Each operation on an array costs its call and the way of the rows through the caches. So the rows go part by part,
-what is on the way stays in four short buffers, and the state is changed where it is, S being known first. One Δt for
+what is on the way stays in three short buffers, and the state is changed where it is, S being known first. One Δt for
 all axes is one number. The operations, each as often as `kernel.reference.aoi` has them, have its order and bits.
 """
 
@@ -31,7 +31,6 @@ class StatePart(NamedTuple):
 
     these: slice
     flag: Flags
-    a: Numbers
     x_cov0: Numbers
     x_cov1: Numbers
     x_cov2: Numbers
@@ -73,7 +72,7 @@ class Steady:
         n, dtype = numbers.shape[1], numbers.dtype
         parts = slices(n)
         size = parts[0].stop
-        flag, buffers = np.zeros(size, np.bool_), [aligned((size,), dtype) for _ in range(4)]
+        flag, buffers = np.zeros(size, np.bool_), [aligned((size,), dtype) for _ in range(3)]
         self._parts: list[StatePart] = []
         for these in parts:
             m = these.stop - these.start
@@ -112,7 +111,7 @@ class Steady:
 
     def _part(self, part: StatePart, tuning: TuningPart, bleeding: bool, x: Numbers, dt_s: Numbers) -> bool:
         """Equations (2) to (22); False, with no more than S done, when that is not positive in every row."""
-        _, flag, a, x_cov0, x_cov1, x_cov2, x_pred, y_res, S, x_dot_pred, P0, P1, P2, P3, K0, K1, _, y, y_dot = part
+        _, flag, x_cov0, x_cov1, x_cov2, x_pred, y_res, S, x_dot_pred, P0, P1, P2, P3, K0, K1, _, y, y_dot = part
         BleedEnable, q_x, q_x_dot, r_x, BleedThresh, BleedFactor = tuning
 
         multiply(dt_s, P3, x_cov2)
@@ -120,36 +119,36 @@ class Steady:
         add(P2, x_cov2, x_cov2)
         multiply(dt_s, P2, x_cov0)
         add(P0, x_cov0, x_cov0)
-        multiply(dt_s, x_cov1, a)
-        add(x_cov0, a, x_cov0)
+        multiply(dt_s, x_cov1, S)  # what will be written anyway serves until then
+        add(x_cov0, S, x_cov0)
         add(x_cov0, q_x, x_cov0)
         add(x_cov0, r_x, S)
         if not np.minimum.reduce(S) > 0.0:
             return False
 
-        multiply(dt_s, x_dot_pred, a)
-        add(x_pred, a, x_pred)
+        multiply(dt_s, x_dot_pred, y_res)
+        add(x_pred, y_res, x_pred)
         subtract(x, x_pred, y_res)
         divide(x_cov0, S, K0)
-        multiply(K0, y_res, a)
-        add(x_pred, a, x_pred)
+        multiply(K0, y_res, y)
+        add(x_pred, y, x_pred)
         divide(x_cov2, S, K1)
-        multiply(K1, y_res, a)
-        add(x_dot_pred, a, x_dot_pred)
+        multiply(K1, y_res, y_dot)
+        add(x_dot_pred, y_dot, x_dot_pred)
         if bleeding:
-            subtract(x, x_pred, a)
-            np.abs(a, a)
-            np.less(a, BleedThresh, flag)
+            subtract(x, x_pred, y)
+            np.abs(y, y)
+            np.less(y, BleedThresh, flag)
             np.logical_and(flag, BleedEnable, flag)
             multiply(x_dot_pred, BleedFactor, x_dot_pred, where=flag)
         y[...] = x_pred
         y_dot[...] = x_dot_pred
 
         add(P3, q_x_dot, P3)
-        multiply(K1, x_cov1, a)
-        subtract(P3, a, P3)
-        subtract(self._one, K0, a)
-        multiply(a, x_cov0, P0)
-        multiply(a, x_cov1, P1)
+        multiply(K1, x_cov1, P2)
+        subtract(P3, P2, P3)
+        subtract(self._one, K0, P2)
+        multiply(P2, x_cov0, P0)
+        multiply(P2, x_cov1, P1)
         P2[...] = P1
         return True
