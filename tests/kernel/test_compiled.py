@@ -28,7 +28,7 @@ from tests.kernel.test_batch import _sequences
 
 pytest.importorskip("numba", reason="numba is not installed: pip install 'softplc[compiled]'")
 from softplc.kernel.compiled import aoi as compiled
-from softplc.kernel.compiled import loops
+from softplc.kernel.compiled import loops, signatures
 
 BOTH = pytest.mark.parametrize("precision", ["real", "lreal"])
 FILES = [
@@ -164,7 +164,7 @@ def test_tuning_with_options_is_stepped_as_numpy_does():
 def test_machine_code_divides_vectors_and_fuses_nothing(precision: str):
     from numba import njit
 
-    signature = loops.scan_signature(np.dtype(dtype_of(precision)))
+    signature = signatures.scan_signature(np.dtype(dtype_of(precision)))
     fresh = njit(signature, error_model="numpy")(loops.scan)  # what comes from the cache cannot be looked into
     code = fresh.inspect_asm(fresh.signatures[0])
 

@@ -2,8 +2,8 @@
 
 Names, equations and units are those of the reference. The arithmetic runs over all rows in buffers that are made
 once, and is then committed to the rows that it is meant for; where every row is in the normal course of things
-the correction goes right into the state. Bit-equal to the reference in both precisions: no x ** 2, no matrix
-product, no fused multiply-add.
+`aoi_steady` does it for less. Bit-equal to the reference in both precisions: no x ** 2, no matrix product, no fused
+multiply-add.
 """
 
 from collections.abc import Callable
@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from softplc.kernel.batch.aoi_steady import Steady, tuning_parts
+from softplc.kernel.batch.memory import aligned
 from softplc.kernel.result import Result
 
 if TYPE_CHECKING:
@@ -38,7 +40,7 @@ class AoiBatchState:
         self.dtype = np.dtype(dtype)
         self.bytes: NDArray[np.uint8] = np.zeros((2, n), np.uint8)
         self.init: Flags = self.bytes[0].view(np.bool_)
-        self.numbers: Numbers = np.zeros((13, n), self.dtype)
+        self.numbers: Numbers = aligned((13, n), self.dtype)
         self.dt_s, self.y, self.y_dot = self.numbers[10:]
         self._rows: Numbers = self.numbers[:10]
         self.x_pred, self.y_res, self.S = self._rows[_PREDICTED]
@@ -47,6 +49,7 @@ class AoiBatchState:
         self.in_a_row: NDArray[np.int64] = np.zeros(n, np.int64)
         self.rejected: NDArray[np.int64] = np.zeros(n, np.int64)
         self._scratch = _Scratch(n, self.dtype, self.bytes[1])
+        self._steady = Steady(self.numbers)
 
     def __len__(self) -> int:
         return len(self.init)
@@ -85,11 +88,12 @@ class AoiTuning:
     ) -> None:
         self.options = options
         with np.errstate(all="ignore"):
-            self.numbers: Numbers = np.stack(
-                [np.array(one, dtype) for one in (q_x, q_x_dot, r_x, BleedThresh, BleedFactor)]
-            )
+            rows = np.stack([np.array(one, dtype) for one in (q_x, q_x_dot, r_x, BleedThresh, BleedFactor)])
+        self.numbers: Numbers = aligned(rows.shape, dtype)
+        self.numbers[:] = rows
         self.q_x, self.q_x_dot, self.r_x, self.BleedThresh, self.BleedFactor = self.numbers
         self.BleedEnable: Flags = np.array(BleedEnable, np.bool_)
+        self._parts = tuning_parts(self.numbers, self.BleedEnable)
 
     def __setattr__(self, name: str, value: object) -> None:
         if hasattr(vars(self).get(name), "dtype"):
@@ -130,22 +134,37 @@ def step(
 ) -> NDArray[np.uint8]:
     """One scan of the rows where `rows` is true; the others are untouched. `x` in u, `dt` in ms, all arrays[n].
 
-    Returns the Result of each row, valid until the next step.
+    Returns the Result of each row, valid until the next step. `x` and `dt` are no memory of the state's.
     """
     if tuning.options is not None:
         return tuning.options.step(state, tuning, EnableIn=EnableIn, x=x, dt=dt, rows=rows)
+    if not _all_usual(state, EnableIn, rows):
+        return _step(state, tuning, EnableIn, x, dt, rows)
+    result = state._scratch.result
+    left = state._steady.step(tuning._parts, bool(np.count_nonzero(tuning.BleedEnable)), x, dt)
+    if not left:
+        result.fill(Result.UPDATED)
+        return result
+    others = np.ones(len(state), np.bool_)
+    for these in left:
+        others[these] = False
+    _step(state, tuning, EnableIn, x, dt, ~others)
+    result[others] = Result.UPDATED
+    return result
+
+
+def _all_usual(state: AoiBatchState, EnableIn: Flags, rows: Flags) -> bool:
+    """Whether every row is to be stepped, enabled and initialised."""
+    n, count = len(state), np.count_nonzero
+    return n > 0 and count(rows) == n and count(EnableIn) == n and count(state.init) == n
+
+
+def _step(
+    state: AoiBatchState, tuning: AoiTuning, EnableIn: Flags, x: NDArray[Any], dt: NDArray[Any], rows: Flags
+) -> NDArray[np.uint8]:
+    """`step` whatever is given."""
     new = state._scratch
     new.x[:] = x
-    if _all_usual(state, new, EnableIn, dt, rows):
-        _predict(state, new, tuning, state)
-        if state.S.min() > 0.0:  # nothing to choose: correct in place
-            _correct(state, new, tuning, state)
-            np.copyto(state.dt_s, new.dt_s)
-            np.copyto(state.y, state.x_pred)
-            np.copyto(state.y_dot, state.x_dot_pred)
-            new.result.fill(Result.UPDATED)
-            return new.result
-
     new.dt_s[:] = dt
     np.less_equal(new.dt_s, 0.0, out=new.flag)
     np.divide(new.dt_s, 1000.0, out=new.dt_s)
@@ -159,25 +178,15 @@ def step(
     if starting is not None:
         _initialise(state, starting, new.x)
 
-    _predict(state, new, tuning, new)
+    _predict(state, new, tuning)
     np.greater(new.S, 0.0, out=new.ok)
-    _correct(state, new, tuning, new)
+    _correct(state, new, tuning)
     new.result.fill(Result.UPDATED)
     _commit(state, new, rows)
     if starting is not None:
         started = new.result[starting]
         new.result[starting] = np.where(started == Result.UPDATED, np.uint8(Result.INITIALISED), started)
     return new.result
-
-
-def _all_usual(state: AoiBatchState, new: _Scratch, EnableIn: Flags, dt: NDArray[Any], rows: Flags) -> bool:
-    """Whether every row is to be stepped, enabled, initialised and has a valid dt; then `new.dt_s` is right."""
-    n = len(state)
-    if n == 0 or any(np.count_nonzero(flags) < n for flags in (rows, EnableIn, state.init)):
-        return False
-    new.dt_s[:] = dt
-    np.divide(new.dt_s, 1000.0, out=new.dt_s)
-    return bool(new.dt_s.min() > 0.0)  # NaN is not
 
 
 def _initialise(state: AoiBatchState, rows: NDArray[np.intp], x: Numbers) -> None:
@@ -193,14 +202,14 @@ def _initialise(state: AoiBatchState, rows: NDArray[np.intp], x: Numbers) -> Non
     state.init[rows] = True
 
 
-def _predict(state: AoiBatchState, new: _Scratch, tuning: AoiTuning, out: "AoiBatchState | _Scratch") -> None:
-    """Equations (2) to (12) and (17), into the scratch buffers; y_res and S into the rows of `out`."""
+def _predict(state: AoiBatchState, new: _Scratch, tuning: AoiTuning) -> None:
+    """Equations (2) to (12) and (17), into the scratch buffers."""
     _propagate(state, new)
     x_cov0, _, _, x_cov3 = new.x_cov
     np.add(x_cov0, tuning.q_x, out=x_cov0)
     np.add(state.P3, tuning.q_x_dot, out=x_cov3)
-    np.subtract(new.x, new.x_pred, out=out.y_res)
-    np.add(x_cov0, tuning.r_x, out=out.S)
+    np.subtract(new.x, new.x_pred, out=new.y_res)
+    np.add(x_cov0, tuning.r_x, out=new.S)
 
 
 def _propagate(state: AoiBatchState, new: _Scratch) -> None:
@@ -220,35 +229,32 @@ def _propagate(state: AoiBatchState, new: _Scratch) -> None:
     np.add(a, b, out=x_cov0)
 
 
-def _correct(state: AoiBatchState, new: _Scratch, tuning: AoiTuning, out: "AoiBatchState | _Scratch") -> None:
-    """Equations (16) to (22), into the rows of `out`; where S is not positive the position stays predicted."""
+def _correct(state: AoiBatchState, new: _Scratch, tuning: AoiTuning) -> None:
+    """Equations (16) to (22), into the scratch buffers; where S is not positive the position stays predicted."""
     a, b = new.a, new.b
     x_cov0, x_cov1, x_cov2, x_cov3 = new.x_cov
 
-    np.divide(x_cov0, out.S, out=out.K0)
-    np.divide(x_cov2, out.S, out=out.K1)
+    np.divide(x_cov0, new.S, out=new.K0)
+    np.divide(x_cov2, new.S, out=new.K1)
 
-    np.multiply(out.K0, out.y_res, out=a)
-    if out is state:
-        np.add(new.x_pred, a, out=out.x_pred)
-    else:
-        np.add(new.x_pred, a, out=out.x_pred, where=new.ok)
-    np.multiply(out.K1, out.y_res, out=a)
-    np.add(state.x_dot_pred, a, out=out.x_dot_pred)
+    np.multiply(new.K0, new.y_res, out=a)
+    np.add(new.x_pred, a, out=new.x_pred, where=new.ok)
+    np.multiply(new.K1, new.y_res, out=a)
+    np.add(state.x_dot_pred, a, out=new.x_dot_pred)
 
     if tuning.BleedEnable.any():
-        np.subtract(new.x, out.x_pred, out=a)
+        np.subtract(new.x, new.x_pred, out=a)
         np.abs(a, out=a)
         np.less(a, tuning.BleedThresh, out=new.flag)
         np.logical_and(new.flag, tuning.BleedEnable, out=new.flag)
-        np.multiply(out.x_dot_pred, tuning.BleedFactor, out=out.x_dot_pred, where=new.flag)
+        np.multiply(new.x_dot_pred, tuning.BleedFactor, out=new.x_dot_pred, where=new.flag)
 
-    np.subtract(1.0, out.K0, out=a)
-    np.multiply(a, x_cov0, out=out.P0)
-    np.multiply(a, x_cov1, out=out.P1)
-    out.P2[:] = out.P1
-    np.multiply(out.K1, x_cov1, out=b)
-    np.subtract(x_cov3, b, out=out.P3)
+    np.subtract(1.0, new.K0, out=a)
+    np.multiply(a, x_cov0, out=new.P0)
+    np.multiply(a, x_cov1, out=new.P1)
+    new.P2[:] = new.P1
+    np.multiply(new.K1, x_cov1, out=b)
+    np.subtract(x_cov3, b, out=new.P3)
 
 
 def _commit(state: AoiBatchState, new: _Scratch, rows: Flags) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from softplc.kernel.batch import aoi as batch
 from softplc.kernel.batch.aoi import AoiBatchState, AoiTuning, Flags
-from softplc.kernel.compiled import loops
+from softplc.kernel.compiled import loops, signatures
 from softplc.kernel.compiled.jit import compile_now
 
 _scans: dict[int, Any] = {}  # by the size of a number in bytes
@@ -27,7 +27,7 @@ def prepare(dtype: DTypeLike) -> bool:
     wanted = np.dtype(dtype)
     cached = True
     if wanted.itemsize not in _scans:
-        _scans[wanted.itemsize], cached = compile_now(loops.scan, loops.scan_signature(wanted))
+        _scans[wanted.itemsize], cached = compile_now(loops.scan, signatures.scan_signature(wanted))
     return cached
 
 
@@ -86,7 +86,7 @@ def replay(
             f"EnableIn{list(EnableIn.shape)}, dt{list(dt.shape)}"
         )
     if state.dtype.itemsize not in _replays:
-        compiled, _ = compile_now(loops.replay, loops.replay_signature(state.dtype))
+        compiled, _ = compile_now(loops.replay, signatures.replay_signature(state.dtype))
         _replays[state.dtype.itemsize] = compiled
     out = np.empty((13 if everything else 2, scans, n), state.dtype)
     results = np.empty((scans, n), np.uint8)

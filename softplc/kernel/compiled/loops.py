@@ -1,7 +1,7 @@
 """The AOI's arithmetic as numba compiles it: over many rows in one scan, and over many scans of recordings.
 
 What is written here is a subset of Python that numba translates; mypy and coverage do not see it run. It is one
-file, though a long one, because numba tells by its date and size whether what was kept of it is still right. Names
+file, whatever its length, as numba tells by its date and size whether what was kept of it is still right. Names
 and order of the operations are those of `kernel.reference.aoi`. One block of memory holds the state, float[13, n], in
 the order of `AoiBatchState.numbers`, another the tuning, float[5, n], as `AoiTuning.numbers`.
 
@@ -12,10 +12,8 @@ no branches, loads before it selects, and touches few enough arrays for LLVM to 
 
 # mypy: disable-error-code="no-untyped-def"
 # ruff: noqa: SIM300  # zero is a variable here
-from typing import Any
 
 import numpy as np
-from numba import types
 
 from softplc.kernel.compiled.jit import inlined
 from softplc.kernel.result import Result
@@ -41,8 +39,8 @@ def _update(x, d, q_x, q_x_dot, r_x, one, x_pred, x_dot_pred, P0, P1, P2, P3):  
     y_res = x - x_pred
     S = x_cov0 + r_x
 
+    K1 = x_cov2 / S  # before K0, since more hangs on it: from here to the next S is the longer way
     K0 = x_cov0 / S
-    K1 = x_cov2 / S
     rest = one - K0
     corrected = x_pred + K0 * y_res
     x_dot_pred = x_dot_pred + K1 * y_res
@@ -264,63 +262,70 @@ def _spread(values, into):  # pragma: no cover
 def _axis(numbers, init, tuning, BleedEnable, j, EnableIn, x, dt, out, results):  # pragma: no cover
     """One axis through all its scans, with its state in registers.
 
+    The inner loops are the normal course and leave it by a jump, so that nothing waits for a choice to be made.
     P, K and S depend on dt alone. Where a scan has left P as it was, bit by bit, the next one with the same dt would
     leave it again: from there on position and velocity are all that is left to compute.
     """
     real = numbers.dtype.type
+    zero, one, thousand = real(0.0), real(1.0), real(1000.0)
     q_x, q_x_dot, r_x = tuning[Q_X, j], tuning[Q_X_DOT, j], tuning[R_X, j]
     bleeding, threshold, factor = BleedEnable[j], tuning[BLEED_THRESH, j], tuning[BLEED_FACTOR, j]
     enables, steps = EnableIn[:, j % EnableIn.shape[1]], dt[:, j % dt.shape[1]]
-    everything = out.shape[0] == 13
     init_, x_pred, y_res, s, velocity, p0, p1, p2, p3, k0, k1, dt_s, y, y_dot = _load(numbers, init, j)
-    settled, settled_ms = False, real(0.0)
-    for t in range(x.shape[0]):
-        z, ms = real(x[t, j]), real(steps[t])
-        if settled and enables[t] and ms == settled_ms:
-            x_pred = x_pred + dt_s * velocity
-            y_res = z - x_pred
-            x_pred = x_pred + k0 * y_res
-            velocity = velocity + k1 * y_res
+    t, scans = 0, x.shape[0]
+    while t < scans:
+        settled = False
+        while init_ and not settled and t < scans and enables[t]:
+            z, ms = real(x[t, j]), real(steps[t])
+            d = ms / thousand
+            if not d > zero:
+                break
+            _, e, variance, corrected, corrected_velocity, first, second, third, gain0, gain1 = _update(
+                z, d, q_x, q_x_dot, r_x, one, x_pred, velocity, p0, p1, p2, p3
+            )
+            if not variance > zero:
+                break
+            settled = p0 == first and p1 == second and p2 == second and p3 == third
+            x_pred, y_res, s, velocity, dt_s = corrected, e, variance, corrected_velocity, d
+            p0, p1, p2, p3, k0, k1 = first, second, second, third, gain0, gain1
             if bleeding and abs(z - x_pred) < threshold:
                 velocity = velocity * factor
-            y, y_dot, result = x_pred, velocity, _UPDATED
-        else:
-            q0, q1, q2, q3 = p0, p1, p2, p3
-            result, init_, x_pred, y_res, s, velocity, p0, p1, p2, p3, k0, k1, dt_s, y, y_dot = _block(
-                real, enables[t], z, ms, q_x, q_x_dot, r_x, bleeding, threshold, factor,
+            y, y_dot = x_pred, velocity
+            _keep(out, t, j, (x_pred, y_res, s, velocity, p0, p1, p2, p3, k0, k1, dt_s, y, y_dot))
+            results[t, j] = _UPDATED
+            t += 1
+        if settled:
+            while t < scans and enables[t] and real(steps[t]) == ms:
+                z = real(x[t, j])
+                x_pred = x_pred + dt_s * velocity
+                y_res = z - x_pred
+                x_pred = x_pred + k0 * y_res
+                velocity = velocity + k1 * y_res
+                if bleeding and abs(z - x_pred) < threshold:
+                    velocity = velocity * factor
+                y, y_dot = x_pred, velocity
+                _keep(out, t, j, (x_pred, y_res, s, velocity, p0, p1, p2, p3, k0, k1, dt_s, y, y_dot))
+                results[t, j] = _UPDATED
+                t += 1
+        elif t < scans:
+            results[t, j], init_, x_pred, y_res, s, velocity, p0, p1, p2, p3, k0, k1, dt_s, y, y_dot = _block(
+                real, enables[t], real(x[t, j]), real(steps[t]), q_x, q_x_dot, r_x, bleeding, threshold, factor,
                 init_, x_pred, y_res, s, velocity, p0, p1, p2, p3, k0, k1, dt_s, y, y_dot,
             )  # fmt: skip
-            settled = result == _UPDATED and p0 == q0 and p1 == q1 and p2 == q2 and p3 == q3
-            settled_ms = ms
-        results[t, j] = result
-        if everything:
-            (
-                out[X_PRED, t, j], out[Y_RES, t, j], out[S, t, j], out[X_DOT_PRED, t, j], out[P0, t, j],
-                out[P1, t, j], out[P2, t, j], out[P3, t, j], out[K0, t, j], out[K1, t, j], out[DT_S, t, j],
-            ) = (x_pred, y_res, s, velocity, p0, p1, p2, p3, k0, k1, dt_s)  # fmt: skip
-        out[-2, t, j] = y
-        out[-1, t, j] = y_dot
+            _keep(out, t, j, (x_pred, y_res, s, velocity, p0, p1, p2, p3, k0, k1, dt_s, y, y_dot))
+            t += 1
     _store(
         numbers, init, j,
         (init_, x_pred, y_res, s, velocity, p0, p1, p2, p3, k0, k1, dt_s, y, y_dot),
     )  # fmt: skip
 
 
-def scan_signature(dtype: np.dtype[Any]) -> tuple[Any, ...]:
-    """The numba types of `scan`'s arguments for a state of this precision."""
-    block, flags, numbers = _real(dtype)[:, ::1], types.boolean[::1], types.float64[::1]
-    return block, types.uint8[:, ::1], block, flags, flags, numbers, numbers, flags
-
-
-def replay_signature(dtype: np.dtype[Any]) -> tuple[Any, ...]:
-    """The numba types of `replay`'s arguments for a state of this precision."""
-    real, flags, table = _real(dtype), types.boolean, types.float64[:, ::1]
-    block = real[:, ::1]
-    return (
-        block, types.uint8[:, ::1], block, flags[::1], flags[:, ::1], table, table, real[:, :, ::1],
-        types.uint8[:, ::1],
-    )  # fmt: skip
-
-
-def _real(dtype: np.dtype[Any]) -> Any:
-    return types.float32 if dtype == np.float32 else types.float64
+@inlined
+def _keep(out, t, j, state):  # pragma: no cover
+    """The state after a scan into `out`: all of it, or y and y_dot."""
+    if out.shape[0] == 13:
+        (
+            out[X_PRED, t, j], out[Y_RES, t, j], out[S, t, j], out[X_DOT_PRED, t, j], out[P0, t, j],
+            out[P1, t, j], out[P2, t, j], out[P3, t, j], out[K0, t, j], out[K1, t, j], out[DT_S, t, j],
+        ) = state[:11]  # fmt: skip
+    out[-2, t, j], out[-1, t, j] = state[11], state[12]
