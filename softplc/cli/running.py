@@ -83,6 +83,7 @@ def run(path: Path, seconds: float | None, *, as_json: bool) -> int:
 def emulate(path: Path, seconds: float | None, *, as_json: bool) -> int:
     """Run the emulated PLC; see `softplc emulate --help`."""
     from softplc.app.running import run_emulator_alone  # noqa: PLC0415
+    from softplc.cli.emulated import block, facts  # noqa: PLC0415
     from softplc.config.load import load_model  # noqa: PLC0415
     from softplc.emulator.scenario import Scenario  # noqa: PLC0415
 
@@ -91,10 +92,9 @@ def emulate(path: Path, seconds: float | None, *, as_json: bool) -> int:
 
     def ready(endpoints: Endpoints) -> None:
         if as_json:
-            print_json(dict(endpoints))
+            print_json(facts(scenario, endpoints))
         else:
-            lines = [f"emulated PLC {path}", *(f"  {kind:<8} {endpoint}" for kind, endpoint in endpoints)]
-            sys.stdout.write("\n".join([*lines, "Ctrl-C stops"]) + "\n")
+            sys.stdout.write("\n".join(block(f"emulated PLC {path}", scenario, endpoints)) + "\n")
         sys.stdout.flush()
 
     return run_emulator_alone(scenario, seconds, ready)

@@ -1,6 +1,7 @@
 """The reference of every key, as Markdown made from the schema; `python -m softplc.config.reference` writes it.
 
-That command, run in the project's folder, renews the tables of docs/configuration.md and config/softplc.schema.json.
+That command, run in the project's folder, renews the tables of docs/configuration.md and docs/emulator.md, and
+config/softplc.schema.json.
 """
 
 import json
@@ -8,32 +9,38 @@ import sys
 from pathlib import Path
 from typing import Any, Final
 
+from pydantic import BaseModel
+
 from softplc.config import schema as schemas
 from softplc.config import words
 from softplc.config.models import Config
 from softplc.config.schema import CHOICES, UNIT, Fragment, resolved
+from softplc.emulator.scenario import Scenario
 
-PAGE: Final = Path("docs/configuration.md")
+PAGES: Final[dict[Path, type[BaseModel]]] = {
+    Path("docs/configuration.md"): Config,
+    Path("docs/emulator.md"): Scenario,
+}
 SCHEMA_FILE: Final = Path("config/softplc.schema.json")
 _BEGIN: Final = "<!-- made by python -m softplc.config.reference: begin -->\n"
 _END: Final = "<!-- made by python -m softplc.config.reference: end -->\n"
 _KEY_OF_TAG: Final = {"OpcUaTag": "node", "ModbusTag": "address", "ReplayTag": "column"}
 
 
-def reference() -> str:
-    """A section for each block of the configuration: heading, description, table of its keys."""
-    top = schemas.schema(Config)
+def reference(model: type[BaseModel] = Config) -> str:
+    """A section for each block of the file: heading, description, table of its keys."""
+    top = schemas.schema(model)
     headings = _headings(top)
     sections = [_section(top, headings, "The file", top)]
     sections += [_section(top, headings, heading, top["$defs"][name]) for name, heading in headings.items()]
     return "\n".join(sections)
 
 
-def renewed(page: str) -> str:
+def renewed(page: str, model: type[BaseModel] = Config) -> str:
     """The page with its tables made anew."""
     before, _, rest = page.partition(_BEGIN)
     _, _, after = rest.partition(_END)
-    return f"{before}{_BEGIN}\n{reference()}\n{_END}{after}"
+    return f"{before}{_BEGIN}\n{reference(model)}\n{_END}{after}"
 
 
 def _headings(top: Fragment) -> dict[str, str]:
@@ -119,6 +126,7 @@ def _default(value: Any) -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(renewed(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    for page, model in PAGES.items():
+        page.write_text(renewed(page.read_text(encoding="utf-8"), model), encoding="utf-8")
     SCHEMA_FILE.write_text(schemas.text(), encoding="utf-8")
-    sys.stderr.write(f"{PAGE} and {SCHEMA_FILE} are written\n")
+    sys.stderr.write(f"{', '.join(map(str, PAGES))} and {SCHEMA_FILE} are written\n")

@@ -109,7 +109,7 @@ def read_columns(path: Path, columns: Sequence[str]) -> NDArray[np.float64]:
     Lines that begin with # before the header are comments. Raises LinkError with the place of what is wrong.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets put a mark at the beginning
             return _parse(path, file, columns)
     except OSError as error:
         raise LinkError(f"{path}: cannot read the recording: {error.strerror}") from error

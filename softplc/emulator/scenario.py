@@ -17,12 +17,13 @@ class EmulatedAxis(Model):
     """One axis: true motion, and a sensor that measures it with noise, in steps, and with faults."""
 
     name: Name
+    """How its nodes begin, as in AxisX.Position."""
     unit: Annotated[str, Field(max_length=16)] = "mm"
     """Unit of the position; velocity is in unit/s."""
     motion: Motion = RampHold(type="ramp_hold")
-    """How it really moves."""
+    """How it really moves; left out, ramp_hold."""
     noise: Noise = UniformNoise(type="uniform")
-    """What the sensor adds to the true position."""
+    """What the sensor adds to the true position; left out, uniform."""
     quantum: Annotated[float, Field(gt=0)] | None = None
     """Resolution of the sensor, unit: measurements are multiples of it."""
     counts_per_unit: Annotated[float, Field(gt=0)] = 1000.0
@@ -61,6 +62,7 @@ class Scenario(Model):
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 0
     """The same seed gives the same noise and the same faults."""
     axes: Annotated[tuple[EmulatedAxis, ...], Field(min_length=1, max_length=1000)]
+    """At least one."""
     opcua: OpcUaEndpoint | None = None
     """Leave it out for no OPC-UA server."""
     modbus: ModbusEndpoint | None = None

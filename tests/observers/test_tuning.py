@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from softplc.kernel.diagnosis import Diagnosis
+from softplc.observers.adaptive import AdaptiveConfig
 from softplc.observers.aoi import AoiConfig, Bleed
 from softplc.observers.aoi_options import Gate
 from softplc.observers.axes import AxisSpec, axis_tags
@@ -16,6 +17,7 @@ from tests.observers.rig import CONFIG, ESTIMATES, Rig, make_rig
 
 SPEC = AxisSpec("A0", tuning_writable=True)
 REAL = CONFIG.model_copy(update={"precision": "real"})
+ADAPTIVE = AdaptiveConfig(type="adaptive", r_x=1.0, top_speed=10.0, top_acceleration=100.0)
 TUNING = ("q_x", "q_x_dot", "r_x", "BleedEnable", "BleedThresh", "BleedFactor")
 
 
@@ -207,6 +209,22 @@ def test_reset_starts_the_axis_anew_with_its_next_sample_once_for_each_rising_ed
     assert write(rig, "Reset", 0.0)  # a pulse between two scans counts
     rig.scan(82.5)
     assert (rig.get("Reset"), rig.outcome()[1]) == (0.0, Reason.INITIALISING)
+
+
+@pytest.mark.parametrize("config", [CONFIG.model_copy(update={"gate": Gate()}), ADAPTIVE])
+def test_what_is_counted_since_the_start_goes_on_after_a_reset(config: AoiConfig | AdaptiveConfig):
+    rig = make_rig((SPEC, config))
+    ramp(rig, 100)
+    rig.scan(1e6)
+    rig.fail(StatusCode.BAD_SENSOR_FAILURE)
+    counted = [rig.get("Rejected"), rig.get("Skipped")]
+    assert counted[0] == 1.0
+    assert counted[1] >= 1.0
+
+    assert write(rig, "Reset", 1.0)
+    rig.scan(80.0)
+    assert rig.outcome()[1] == Reason.INITIALISING
+    assert [rig.get("Rejected"), rig.get("Skipped")] == counted
 
 
 def test_reset_on_a_lost_link_keeps_to_what_is_held_and_starts_when_a_sample_comes():

@@ -61,8 +61,8 @@ class AoiBatchState:
         return np.logical_and.reduce(scratch.finite, axis=0, out=scratch.all_finite)
 
     def clear(self, rows: Flags) -> None:
-        """Forget everything about these rows, as before the first scan."""
-        for array in (self.init, self.dt_s, self.y, self.y_dot, self.offset, self.in_a_row, self.rejected):
+        """Forget everything about these rows, as before the first scan, but the count of rejected samples."""
+        for array in (self.init, self.dt_s, self.y, self.y_dot, self.offset, self.in_a_row):
             array[rows] = 0
         self._rows[:, rows] = 0
 
