@@ -5,6 +5,7 @@
   python3 dev.py test [...]     the whole test suite; what follows goes to pytest
   python3 dev.py lint           ruff, mypy and the import contracts
   python3 dev.py bench [NAME]   one benchmark of bench/, or their names
+  python3 dev.py chaos [...]    every fault of a source that we know, and what came of it, as a table
   python3 dev.py softplc [...]  any other softplc command, as in: dev.py softplc check my.yaml
 
 The first use makes .venv beside this file: uv and all the rest from requirements.lock, pinned by hash;
@@ -31,7 +32,8 @@ PYTHON = str(VENV / "bin" / "python")
 LOCK = ROOT / "requirements.lock"
 STAMP = VENV / "made-from"
 LINTERS = ("ruff check", "ruff format --check", "mypy", "lint-imports")
-COMMANDS = {"demo": "softplc demo", "test": "pytest", "lint": "", "bench": "python", "softplc": "softplc"}
+COMMANDS = {"demo": "softplc demo", "test": "pytest", "lint": "", "bench": "python", "chaos": "python -m tests.chaos"}
+COMMANDS["softplc"] = "softplc"
 
 
 def say(text: str) -> None:

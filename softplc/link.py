@@ -3,6 +3,11 @@
 It never raises into the scan. A source that cannot be reached is BadNoCommunication on its tags; a reply that is
 not there in time leaves the earlier samples as UncertainLastUsableValue, and the request stays outstanding, so
 that there are never two.
+
+Good is what was asked for and answered within one scan. Of a reply that comes in a later scan nobody knows when the
+device took the values: it is thrown away and the device asked again, unless it is late every time. A device that
+kept two scans in a row waiting in vain is off-scan: it is asked as before, but no scan waits for it until it answers
+in time again, so that its neighbours' samples are as fresh as ever.
 """
 
 import asyncio
@@ -13,29 +18,33 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import structlog
-from numpy.typing import NDArray
 
 from softplc.clock import Clock
 from softplc.errors import LinkError
 from softplc.interfaces import Driver
+from softplc.link_log import Told
 from softplc.sample import StatusCode, is_bad, status_name
 from softplc.tags import Image
 
 _BACK_OFF_FIRST = 0.05  # seconds
-_BACK_OFF_MOST = 1.0
+_BACK_OFF_MOST = 0.8  # from one attempt to the next, so that a source that is back is Good within a second
+_OFF_SCAN_AFTER = 2  # scans in a row that waited in vain
 _WRITE_PAUSE_FIRST = 1.0  # after a write that cost the connection; longer each time, so that reading goes on
 _WRITE_PAUSE_MOST = 60.0
 _CLOSE_LIMIT = 1.0
-_LOGGED_PER_MINUTE = 6  # changes of a flapping link that are logged; the others are counted
 
 log = structlog.get_logger(__name__)
 
 
 @dataclass(slots=True)
 class LinkStatistics:
-    """What a link counts since start; `read_time` is the last successful read's duration in seconds."""
+    """What a link counts since start; `read_time` is the last successful read's duration in seconds.
+
+    `off_scan`: no scan waits for the device, because it did not answer in time.
+    """
 
     connected: bool = False
+    off_scan: bool = False
     reads: int = 0
     read_errors: int = 0
     reconnects: int = 0
@@ -72,10 +81,15 @@ class Link:
         self._read: asyncio.Task[None] | None = None
         self._write: asyncio.Task[None] | None = None
         self._pending: dict[int, float] = {}
+        self._patience = 0.0  # seconds that the scan waits for a reply
+        self._missed = 0  # scans in a row that waited in vain
+        self._answered = False  # what this scan asked was answered
+        self._late = False  # the outstanding read was asked for in an earlier scan
+        self._slow = False  # the last reply was late, and so was the one before
         self._write_pause = 0.0
         self._write_from = float("-inf")
         self._closing: set[asyncio.Task[None]] = set()
-        self._told = _Told(name, clock)
+        self._told = Told(name, clock)
         self._write_status: dict[int, int] = {}
 
     async def run(self) -> None:
@@ -83,39 +97,56 @@ class Link:
         back_off = _BACK_OFF_FIRST
         try:
             while True:
+                begun, reads = self._clock.monotonic(), self.statistics.reads
                 if await self._open():
-                    back_off = _BACK_OFF_FIRST
                     await self._lost.wait()
                     self._drop()
+                    begun = self._clock.monotonic()
+                if self.statistics.reads > reads:  # not before: a device may accept every connection and serve none
+                    back_off = _BACK_OFF_FIRST
                 pause = back_off * random.uniform(0.5, 1.0)
-                await self._clock.sleep_until(self._clock.monotonic() + pause)
+                soonest = self._clock.monotonic() + 0.5 * _BACK_OFF_FIRST
+                await self._clock.sleep_until(max(begun + pause, soonest))
                 back_off = min(2 * back_off, _BACK_OFF_MOST)
         finally:
             self._drop()
             if self._closing:
                 await asyncio.wait(self._closing, timeout=_CLOSE_LIMIT)
 
-    def ask(self) -> "asyncio.Task[None] | None":
-        """Start this scan's read unless one is outstanding; returns what to wait for, None when there is no link."""
+    def ask(self, patience: float) -> "asyncio.Task[None] | None":
+        """Start this scan's read unless one is outstanding; returns what to wait for, for `patience` seconds.
+
+        None when there is nothing to wait for: no link, or a device that is off-scan.
+        """
         self._told.catch_up()
+        self._answered, self._patience = False, patience
         if self._driver is None:
             return None
         if self._read is None or self._read.done():
             self._read = asyncio.create_task(self._do_read(self._driver), name=f"read {self.name}")
-        return self._read
+        else:
+            self._late = True
+        return None if self.statistics.off_scan else self._read
 
     def latch(self, inputs: Image, start: int) -> None:
         """Copy the newest samples to `inputs` from index `start`, with the status that they deserve in this scan."""
         if self._driver is None:
             self.samples.fail(StatusCode.BAD_NO_COMMUNICATION)
         inputs.take_over(self.samples, start)
-        if self._read is not None and not self._read.done():
+        if not self._answered:
+            if self._driver is not None:
+                self._missed += 1
+                self.statistics.off_scan = self._missed >= _OFF_SCAN_AFTER
             statuses = inputs.statuses[start : start + len(self.samples)]
             statuses[statuses < np.uint32(StatusCode.BAD)] = StatusCode.UNCERTAIN_LAST_USABLE_VALUE
 
     def put(self, position: int, value: float) -> None:
         """Have a value written; one that is still waiting is replaced by it."""
         self._pending[position] = value
+
+    def withdraw(self, position: int) -> bool:
+        """A value that was put and not written yet is not to be written any more; whether there was one."""
+        return self._pending.pop(position, None) is not None
 
     def flush(self) -> None:
         """Start writing what was put, unless a write is under way; without a link it is dropped and counted.
@@ -166,6 +197,8 @@ class Link:
             if task is not None and not task.done():
                 task.cancel()
         self._read = self._write = None
+        self._answered = self._late = self._slow = self.statistics.off_scan = False
+        self._missed = 0
         self._pending.clear()
         self._turn = asyncio.Lock()
         self.samples.fail(StatusCode.BAD_NO_COMMUNICATION)
@@ -189,10 +222,10 @@ class Link:
             self._lost.set()
 
     async def _do_read(self, driver: Driver) -> None:
-        begun = self._clock.monotonic()
         try:
-            async with asyncio.timeout(self._timeout), self._turn:
-                await driver.read(self._incoming)
+            begun = await self._read_once(driver)
+            if self._late and not self._slow:  # who knows when the device took these values
+                begun = await self._read_once(driver)
         except (LinkError, TimeoutError) as error:
             self.statistics.read_errors += 1
             self._fail(driver, str(error) or f"no reply within {self._timeout:g} s")
@@ -212,12 +245,25 @@ class Link:
         self.statistics.reads += 1
         self.statistics.read_time = now - begun
         self.statistics.last_read = now
+        self._answered, self._slow = not self._late, self._late
+        if now - begun <= self._patience:
+            self._missed, self.statistics.off_scan = 0, False
+
+    async def _read_once(self, driver: Driver) -> float:
+        """Have the driver fill what comes in; the monotonic time at which it was asked."""
+        self._late = False
+        begun = self._clock.monotonic()
+        async with asyncio.timeout(self._timeout), self._turn:
+            await driver.read(self._incoming)
+        return begun
 
     async def _do_write(self, driver: Driver) -> None:
         values: dict[int, float] = {}
         try:
             async with asyncio.timeout(self._timeout), self._turn:
                 values, self._pending = self._pending, {}  # the newest, now that it is our turn
+                if not values:  # withdrawn
+                    return
                 statuses = await driver.write(values)
         except (LinkError, TimeoutError) as error:
             self.statistics.write_errors += max(len(values), 1)
@@ -240,73 +286,3 @@ class Link:
                 event = "write refused" if failed else "write accepted again"
                 log.warning(event, source=self.name, tag=self._writings[position], status=status_name(status))
             self._write_status[position] = status
-
-
-class _Told:
-    """What the log was told of a link: changes only, and of a flapping link only some, with a count."""
-
-    def __init__(self, source: str, clock: Clock) -> None:
-        self._source, self._clock = source, clock
-        self._state: str | None = None
-        self._since: float | None = None
-        self._window = -60.0
-        self._logged = 0
-        self._suppressed = 0
-        self._unsaid: tuple[str, str, dict[str, object]] | None = None
-        self._words: set[str] = set()
-
-    def up(self) -> None:
-        self._state = None
-        seconds = {} if self._since is None else {"down_seconds": round(self._clock.monotonic() - self._since, 1)}
-        self._since = None
-        self._tell("link up", "info", **seconds)
-
-    def lost(self, reason: str) -> None:
-        if reason != self._state:
-            event = "link down" if self._state is None else "link still down"
-            self._since = self._clock.monotonic() if self._since is None else self._since
-            self._state = reason
-            self._tell(event, "warning", reason=reason)
-
-    def tags(self, names: Sequence[str], before: NDArray[np.uint32], after: NDArray[np.uint32]) -> bool:
-        """Tell which tags became Bad or usable again; True when any did."""
-        was, now = before >= StatusCode.BAD, after >= StatusCode.BAD
-        no_data = np.isin(before, _NO_DATA)
-        changed = (was != now) | (now & no_data & (before != after))
-        for position in np.flatnonzero(changed):
-            if now[position]:
-                self._tell("tag bad", "warning", tag=names[int(position)], status=status_name(int(after[position])))
-            elif not no_data[position]:
-                self._tell("tag good again", "info", tag=names[int(position)])
-        return bool(changed.any())
-
-    def words(self, event: str, texts: Sequence[str]) -> None:
-        """Tell texts that were not told before."""
-        for text in texts:
-            if text not in self._words:
-                self._words.add(text)
-                log.warning(event, source=self._source, text=text)
-
-    def catch_up(self) -> None:
-        """Tell the last change that was left out once there is room again: the log ends with the true state."""
-        if self._unsaid is not None and self._clock.monotonic() - self._window >= 60.0:
-            event, level, fields = self._unsaid
-            self._suppressed -= 1
-            self._tell(event, level, **fields)
-
-    def _tell(self, event: str, level: str, **fields: object) -> None:
-        now = self._clock.monotonic()
-        if now - self._window >= 60.0:
-            self._window, self._logged = now, 0
-        if self._logged >= _LOGGED_PER_MINUTE:
-            self._suppressed += 1
-            self._unsaid = (event, level, fields)
-            return
-        self._unsaid = None
-        self._logged += 1
-        more: dict[str, int] = {"suppressed": self._suppressed} if self._suppressed else {}
-        self._suppressed = 0
-        getattr(log, level)(event, source=self._source, **fields, **more)
-
-
-_NO_DATA = (StatusCode.BAD_WAITING_FOR_INITIAL_DATA, StatusCode.BAD_NO_COMMUNICATION)

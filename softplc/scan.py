@@ -58,6 +58,7 @@ def source_tags(name: str) -> tuple[Tag, ...]:
 
     return (
         tag("Connected", "", "The link is up", DataType.BOOLEAN),
+        tag("OffScan", "", "The device answers too late; no scan waits for it", DataType.BOOLEAN),
         tag("Reads", "", "Successful reads since start"),
         tag("ReadErrors", "", "Failed reads since start"),
         tag("Reconnects", "", "Times that the link was lost since start"),
@@ -129,9 +130,10 @@ class CyclicTask:
 
     async def _acquire(self, scan: Scan) -> None:
         """Ask every source at once and wait for the replies, no longer than the read budget allows."""
-        asked = [task for place in self.links if (task := place.link.ask()) is not None]
+        budget = READ_BUDGET * self.period
+        asked = [task for place in self.links if (task := place.link.ask(budget)) is not None]
         if asked:
-            budget = scan.start + READ_BUDGET * self.period - self.clock.monotonic()
+            budget += scan.start - self.clock.monotonic()
             await asyncio.wait(asked, timeout=max(budget, 0.0))
 
     def _execute(self, scan: Scan) -> None:
@@ -167,6 +169,7 @@ class CyclicTask:
                 place.block,
                 scan,
                 counted.connected,
+                counted.off_scan,
                 counted.reads,
                 counted.read_errors,
                 counted.reconnects,

@@ -22,11 +22,17 @@ class WriteBack:
     _last_time: float = float("-inf")
 
     def step(self, scan: Scan, outputs: Image) -> None:
-        """Hand the value to the link when it is due. After a reconnect the next Good value is due again."""
+        """Hand the value to the link when it is due.
+
+        What still waits to be written is withdrawn when the output is not Good any more. After that, and after a
+        reconnect, the next Good value is due.
+        """
         if not self.link.statistics.connected:
             self._last_value = None
             return
         if outputs.statuses[self.index] != StatusCode.GOOD:
+            if self.link.withdraw(self.position):
+                self._last_value = None
             return
         value = float(outputs.values[self.index])
         if self._due(scan, value):

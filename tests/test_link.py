@@ -62,6 +62,72 @@ async def test_a_late_reply_leaves_the_earlier_sample_as_last_usable_value():
     assert statuses[-1] == (StatusCode.UNCERTAIN_LAST_USABLE_VALUE, 3.0)
 
 
+async def test_what_a_late_reply_brings_is_never_good():
+    rig = Rig(SystemClock(), period=0.02, timeout=30.0)
+    rig.device.old_replies = True
+    shown = []
+
+    def count_and_fall_silent(scan):
+        if rig.status("Echo.0") == StatusCode.GOOD:
+            shown.append((scan.number, rig.value("Echo.0")))
+        rig.device.values = [scan.number + 1.0]  # what the next scan may show
+        if scan.number % 5 == 0:
+            rig.device.silent = True
+            # some replies come between two scans, some while a scan waits
+            pause = 0.02 * (1.0 + scan.number / 100)
+            asyncio.get_running_loop().call_later(pause, setattr, rig.device, "silent", False)
+
+    await rig.run(100, count_and_fall_silent)
+
+    assert len(shown) > 20
+    assert [number for number, value in shown if value != number] == []
+
+
+async def test_a_device_that_is_late_every_time_is_read_all_the_same_and_never_good():
+    rig = Rig(SystemClock(), period=0.02, timeout=30.0)
+    statuses, values = [], set()
+
+    def look(scan):
+        statuses.append(rig.status("Echo.0"))
+        values.add(rig.value("Echo.0"))
+        rig.device.values = [float(scan.number)]
+
+    rig.device.delay = 0.05
+    await rig.run(60, look)
+
+    assert len(values) > 5
+    assert StatusCode.GOOD not in statuses
+    assert rig.device.most_outstanding == 1
+
+
+async def test_no_scan_waits_for_a_device_that_was_silent_twice_until_it_answers_again():
+    rig = Rig(SystemClock(), period=0.1, timeout=30.0)
+    rig.device.values = [3.0]
+    seen = []
+
+    def look(scan):
+        rig.device.silent = 3 <= scan.number < 13
+        seen.append((rig.value("Sources.plc.OffScan"), rig.value("Tasks.main.ExecutionTime"), rig.status("Echo.0")))
+
+    await rig.run(20, look)
+
+    silent = seen[4:14]
+    assert [off for off, _, _ in silent[2:]] == 8 * [1.0]
+    assert all(status == StatusCode.UNCERTAIN_LAST_USABLE_VALUE for _, _, status in silent)
+    assert silent[0][1] >= 0.055  # it waited for its budget, 0.6 of the period
+    assert min(seconds for _, seconds, _ in silent[2:]) < 0.055
+    assert seen[-1][0] == 0.0
+    assert seen[-1][2] == StatusCode.GOOD
+
+
+async def test_a_device_that_accepts_connections_and_serves_none_is_tried_ever_more_rarely():
+    rig = Rig(period=0.1)
+    rig.device.broken = True
+    await rig.run(100)
+    # 10 s: pauses of 50, 100, 200, 400 and then 800 ms, each shortened by up to a half
+    assert 12 < rig.device.opened < 35
+
+
 async def test_a_read_beyond_the_timeout_means_that_the_link_is_lost():
     rig = Rig(SystemClock(), period=0.02, timeout=0.05)
     rig.device.silent = True

@@ -161,6 +161,25 @@ async def test_only_good_values_are_written_back():
     assert rig.device.written == []
 
 
+async def test_a_value_that_waits_to_be_written_is_withdrawn_when_its_output_is_not_good_any_more():
+    rig = Rig(period=0.1)
+    rig.device.values = [1.0]
+    rig.write_backs(WriteBack(rig.echo.start, rig.link, 0))
+
+    def write_fails_then_the_value_changes_then_turns_bad(scan):
+        rig.device.deaf_to_writes = scan.number < 3  # costs the connection; writing pauses for a second
+        good = scan.number < 8 or scan.number >= 40
+        rig.device.statuses = [StatusCode.GOOD if good else StatusCode.BAD_SENSOR_FAILURE]
+        rig.device.values = [float(scan.number)] if good else [float("nan")]
+
+    await rig.run(39, write_fails_then_the_value_changes_then_turns_bad)
+    assert rig.value("Sources.plc.Connected") == 1
+    assert rig.device.written == []  # what was Good three seconds ago is not written now
+
+    await rig.run(5, lambda scan: (setattr(rig.device, "statuses", [0]), setattr(rig.device, "values", [77.0])))
+    assert [write[0] for write in rig.device.written] == [77.0]
+
+
 async def test_refused_writes_are_counted_and_visible():
     rig = Rig()
     rig.device.write_status = StatusCode.BAD_NOT_WRITABLE

@@ -28,6 +28,9 @@ _SYNONYMS: Final = {
     "cycle_ms": "period_ms",
     "baud": "baudrate",
     "filter": "observer",
+    "kalman": "aoi",
+    "imm": "adaptive",
+    "kappa": "restitution",
     "user": "users",
 }
 _YES_NO: Final = {"yes": "true", "on": "true", "no": "false", "off": "false"}

@@ -13,7 +13,7 @@ from softplc.kernel.batch import aoi as batch
 from softplc.kernel.batch.aoi_options import AoiBatchOptions
 from softplc.kernel.reference.aoi_options import AoiOptions
 from softplc.model import Model
-from softplc.observers.aoi_options import Bleed, Bounds, GainLimits, Gate, Positive
+from softplc.observers.aoi_options import Bleed, GainLimits, Gate, Positive
 from softplc.observers.axes import AxisPlace, require_one_group
 from softplc.observers.kernel import Given, Numbers, StateKernel
 from softplc.observers.leaves import LEAVES, Leaf
@@ -24,7 +24,6 @@ Exponent = Annotated[int, Field(ge=0, le=3)]
 _EXPONENTS: Final = "two whole numbers from 0 to 3, of q_x and of q_x_dot, as in [1, 1]"
 _REFERENCE: Final = "first_sample, or a number"
 _TUNING: Final = ("q_x", "q_x_dot", "r_x", "BleedEnable", "BleedThresh", "BleedFactor")
-_COUNTS_OF_A_REAL: Final = 2.0**24
 
 
 class AoiConfig(Model):
@@ -152,22 +151,15 @@ class AoiConfig(Model):
             if unit != LEAVES[name].unit
         }
 
-    def remarks(self, limits: Bounds | None) -> tuple[str, ...]:
-        """What works, but not as one would wish, in words; `limits` is the axis' range, where it has one."""
-        texts = []
-        if self.bleed is not None and self.bleed.bleed_gate == "residual":
-            texts.append(
-                "bleed also acts on a well-tracked ramp and makes its velocity read low; "
-                "bleed_gate: velocity leaves moving axes alone"
-            )
-        if self.precision == "real" and self.reference is None and limits is not None:
-            farthest = max(abs(limit) for limit in limits)
-            if farthest > _COUNTS_OF_A_REAL:
-                texts.append(
-                    f"precision: real at positions up to {farthest:g} loses single counts, "
-                    "and the velocity with them; set reference, or precision: lreal"
-                )
-        return tuple(texts)
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What works, but not as one would wish, in words."""
+        if self.bleed is None or self.bleed.bleed_gate != "residual":
+            return ()
+        return (
+            "bleed also acts on a well-tracked ramp and makes its velocity read low; "
+            "bleed_gate: velocity leaves moving axes alone",
+        )
 
     @staticmethod
     def build(places: Sequence[AxisPlace], configs: Sequence["AoiConfig"], step: batch.Step = batch.step) -> Observer:

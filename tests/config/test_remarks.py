@@ -10,8 +10,8 @@ _SOURCE = {"name": "plc", "type": "opcua", "url": "opc.tcp://127.0.0.1:4841"}
 
 def told(observer: dict[str, object], **axis: object) -> list[str]:
     given = {"name": "X", "input": {"source": "plc", "node": "ns=2;s=X"}, **axis}
-    aoi = {"type": "aoi", "r_x": 1.0, **observer}
-    return remarks(Config.model_validate({"sources": (_SOURCE,), "axes": ({**given, "observer": aoi},)}))
+    tuned = {"type": "aoi", **({} if "R" in observer else {"r_x": 1.0}), **observer}
+    return remarks(Config.model_validate({"sources": (_SOURCE,), "axes": ({**given, "observer": tuned},)}))
 
 
 def test_a_plain_axis_has_nothing_to_remark():
@@ -27,6 +27,11 @@ def test_a_real_that_would_lose_counts_in_its_range_is_told_so_unless_it_has_a_r
     assert "set reference" in text
     assert told({"precision": "real", "reference": "first_sample"}, range=limits) == []
     assert told({}, range=limits) == []
+
+
+def test_a_real_of_another_observer_is_told_what_it_can_do():
+    (text,) = told({"type": "fb_kalman", "precision": "real", "R": 1.0}, range=(0.0, 1e9))
+    assert text.endswith("set precision: lreal")
 
 
 def test_bleed_with_its_default_gate_is_told_what_it_does_to_ramps():

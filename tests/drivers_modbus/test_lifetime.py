@@ -71,7 +71,8 @@ async def test_a_host_name_that_is_none_is_named():
             pass
 
 
-async def test_a_host_that_does_not_answer_is_given_up_within_the_connect_timeout():
+@pytest.mark.parametrize("shorter", ["connect_timeout_ms", "timeout_ms"])
+async def test_a_host_that_does_not_answer_is_given_up_within_the_shorter_timeout(shorter):
     with socket.socket() as full:
         full.bind(("127.0.0.1", 0))
         full.listen(0)
@@ -82,7 +83,7 @@ async def test_a_host_that_does_not_answer_is_given_up_within_the_connect_timeou
             filler.connect_ex(("127.0.0.1", port))
         try:
             with pytest.raises(LinkError, match=r"no connection within 0\.3 s"):
-                async with opened(source(port, connect_timeout_ms=300.0), TAGS):
+                async with opened(source(port, **{shorter: 300.0}), TAGS):
                     pass
         finally:
             for filler in fillers:

@@ -70,6 +70,10 @@ class NodePlc:
         self._process.stdin.flush()
         return self._wait_for("ok", 20.0)
 
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
     def signal(self, number: signal.Signals) -> None:
         self._process.send_signal(number)
 

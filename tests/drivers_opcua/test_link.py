@@ -201,6 +201,13 @@ async def test_a_peer_that_does_not_speak_opcua_is_given_up(answer: Answer):
         close_without_waiting(driver)
 
 
+async def test_a_peer_that_says_nothing_has_only_as_long_as_a_request():
+    async with listening(silence) as url, asyncio.timeout(PATIENCE):
+        driver = make_driver(url, [f"{AXIS}.Float"], connect_timeout_ms=60_000.0, timeout_ms=300.0)
+        with pytest.raises(LinkError, match="cannot connect"):
+            await driver.open()
+
+
 async def test_an_announced_giant_is_refused_unbuffered():
     async with listening(giant) as url, asyncio.timeout(PATIENCE):
         driver = make_driver(url, [f"{AXIS}.Float"], connect_timeout_ms=60_000.0)

@@ -150,7 +150,7 @@ async def test_polling_sees_every_change_in_the_next_read(plc: NodePlc):
             plc.do(f"set Held {number}")
             await driver.read(image)
             assert image.values[0] == number
-            assert image.values[1] > ramp
+            assert image.values[1] >= ramp  # the server's clock may stand still for a while on a busy machine
             ramp = float(image.values[1])
 
 

@@ -7,6 +7,7 @@ from cryptography.hazmat.primitives.asymmetric import ec, rsa
 from cryptography.hazmat.primitives.serialization import Encoding
 
 from softplc.drivers.opcua.config import OpcUaSecurity, OpcUaUser
+from softplc.drivers.opcua.left import LEFT_SESSIONS
 from softplc.errors import ConfigError, LinkError
 from softplc.model import Secret
 from tests.drivers_opcua.certificates import URI, make_certificate, write_key
@@ -94,3 +95,26 @@ def test_a_missing_secret_or_certificate_is_a_configuration_error(tmp_path: Path
     security = OpcUaSecurity(certificate=str(certificate), private_key=str(key))
     with pytest.raises(ConfigError, match="names no application URI"):
         make_driver("opc.tcp://127.0.0.1:4840", TAGS, security=security)
+
+
+@pytest.mark.parametrize("mode", ["poll", "subscribe"])
+@pytest.mark.parametrize("secured", [False, True])
+async def test_sessions_of_broken_connections_are_closed_over_the_next_one(
+    plc: NodePlc, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, secured: bool, mode: str
+):
+    security = None
+    if secured:
+        certificate, key = make_certificate(tmp_path)
+        security = OpcUaSecurity(certificate=str(certificate), private_key=str(key))
+    config = {"security": security, "user": operator(monkeypatch, "secret"), "mode": mode}
+    before = plc.do("count").split()
+    for _ in range(12):  # the server has room for ten sessions and keeps one without a connection for 30 s
+        async with opened(plc.url, TAGS, **config) as driver:
+            assert (await read(driver, 1)).values[0] == 0.5
+            driver._session._transport.protocol.transport.abort()
+    async with opened(plc.url, TAGS, **config) as driver:
+        sessions, subscriptions = (
+            int(now) - int(then) for now, then in zip(plc.do("count").split(), before, strict=True)
+        )
+        assert (sessions, subscriptions) <= (1, 1)
+        assert LEFT_SESSIONS.count(driver._session._key) == 0

@@ -8,12 +8,18 @@ from typing import Any
 import pytest
 from asyncua import ua
 
+from softplc.clock import SystemClock
+from softplc.drivers.opcua.binding import Binding
 from softplc.drivers.opcua.driver import OpcUaDriver
+from softplc.drivers.opcua.node import NodeIdAddress
+from softplc.drivers.opcua.witnesses import MOST, Witnesses
 from softplc.errors import LinkError
 from softplc.tags import Image
+from tests.chaos.spoils import WithoutPublishResponses
 from tests.drivers_opcua.conftest import StartPlc
 from tests.drivers_opcua.opened import make_driver, opened, read, read_until
 from tests.drivers_opcua.servers import AsyncuaPlc, NodePlc
+from tests.support.proxy import Mode, Proxy
 
 AXIS = "ns=2;s=PLC.Axis"
 
@@ -160,3 +166,55 @@ async def test_a_slower_server_gets_a_keep_alive_that_fits_or_is_refused(plc: No
     driver = make_driver(plc.url, [f"{AXIS}.Float"], **hasty, stale_after_ms=50.0)
     with pytest.raises(LinkError, match=r"stale_after_ms of \d+ or more \(it is 50\), or mode: poll"):
         await driver.open()
+
+
+async def test_a_change_that_the_subscription_does_not_report_is_a_lost_link(plc: NodePlc):
+    async with Proxy(plc.port) as proxy:
+        url = f"opc.tcp://127.0.0.1:{proxy.port}"
+        async with opened(url, [f"{AXIS}.Float", f"{AXIS}.Ramp"], mode="subscribe") as driver:
+            proxy.spoil = WithoutPublishResponses()
+            error = await link_error(driver, 2)  # stale_after_ms is 30 s here
+            assert f"{AXIS}.Ramp changed, and the subscription does not report it" in str(error)
+
+
+async def test_a_subscription_that_reports_slowly_is_not_taken_for_dead(plc: NodePlc):
+    tags = [f"{AXIS}.Ramp", f"{AXIS}.NaN", f"{AXIS}.Uncertain"]
+    async with opened(plc.url, tags, mode="subscribe", publishing_ms=700.0) as driver:
+        image = await read(driver, 3)
+        changes = set()
+        until = time.monotonic() + 3.0
+        while time.monotonic() < until:
+            await driver.read(image)
+            changes.add(float(image.values[0]))
+            await asyncio.sleep(0.02)
+        assert len(changes) > 2
+
+
+async def test_what_was_held_up_on_its_way_is_not_taken_for_current(plc: NodePlc):
+    async with Proxy(plc.port) as proxy:
+        url = f"opc.tcp://127.0.0.1:{proxy.port}"
+        async with opened(url, [f"{AXIS}.Clock"], mode="subscribe") as driver:
+            image = await read(driver, 1)
+            await proxy.switch(Mode.HOLD)
+            stalled = time.time()
+            reading = asyncio.create_task(driver.read(image))
+            while (await asyncio.wait({reading}, timeout=0.5))[0]:  # until one has to wait for an answer
+                reading = asyncio.create_task(driver.read(image))
+            await asyncio.sleep(1.5)
+            await proxy.switch(Mode.PASS)
+            await reading
+            made = stalled - (stalled - image.values[0] / 10.0) % 10_000.0  # the value is 10 a second
+            assert made + 10_000.0 * (made < stalled - 5_000.0) > stalled + 1.0  # the proof's first answer is older
+
+
+async def test_of_many_variables_the_last_reported_and_some_others_in_turn_are_witnesses():
+    readings = [Binding(NodeIdAddress(2, f"v{n}"), [(n, None)], ua.NodeId(f"v{n}", 2), 0, "") for n in range(100)]
+    for binding in readings:
+        binding.monitored = True
+    latest = Image(100)
+    latest.arrivals[:] = range(100)
+    session: Any = None  # nothing is asked here
+    witnesses = Witnesses(session, readings, latest, SystemClock())
+    called = [witnesses.some() for _ in range(10)]
+    assert all(set(range(90, 100)) <= set(numbers) and len(numbers) <= MOST for numbers in called)
+    assert set().union(*called) == set(range(100))

@@ -4,6 +4,7 @@
 //   {"op": "get", "table", "offset", "type", "order"}            {"value": "..."} as Node's Buffer decodes it
 //   {"op": "refuse", "table", "offset", "code"}                  answer exception `code` wherever the offset is touched
 //   {"op": "refuseSingle", "code"}                               answer exception `code` to function 6
+//   {"op": "clock", "offset"}                                    a float64 there: 10 a second, and tells when it was made
 //   {"op": "requests"}                                           [[function, address, count or value], ...] since last asked
 "use strict";
 
@@ -15,6 +16,7 @@ const registers = { holding: Buffer.alloc(2 * SIZE), input: Buffer.alloc(2 * SIZ
 const bits = { coil: new Uint8Array(SIZE), discrete: new Uint8Array(SIZE) };
 const refused = { holding: new Map(), input: new Map(), coil: new Map(), discrete: new Map() };
 let refuseSingle = 0;
+let clock = null;
 let requests = [];
 
 const CODEC = {
@@ -45,7 +47,11 @@ function touch(table, offset) {
 const vector = {
     getCoil: (offset) => { touch("coil", offset); return bits.coil[offset] === 1; },
     getDiscreteInput: (offset) => { touch("discrete", offset); return bits.discrete[offset] === 1; },
-    getHoldingRegister: (offset) => { touch("holding", offset); return registers.holding.readUInt16BE(2 * offset); },
+    getHoldingRegister: (offset) => {
+        touch("holding", offset);
+        if (offset === clock) registers.holding.writeDoubleBE((Date.now() % 1e7) / 100, 2 * offset);
+        return registers.holding.readUInt16BE(2 * offset);
+    },
     getInputRegister: (offset) => { touch("input", offset); return registers.input.readUInt16BE(2 * offset); },
     setCoil: (offset, on) => { touch("coil", offset); bits.coil[offset] = on ? 1 : 0; },
     setRegister: (offset, value) => {
@@ -84,6 +90,10 @@ const OPS = {
     },
     refuseSingle({ code }) {
         refuseSingle = code;
+        return {};
+    },
+    clock({ offset }) {
+        clock = offset;
         return {};
     },
     requests() {

@@ -92,6 +92,11 @@ async function main() {
         Ramp: live("Ramp", () => new DataValue({
             value: { dataType: DataType.Double, value: (Date.now() - begin) / 1000 }, sourceTimestamp: new Date(),
         })),
+        Clock: live("Clock", () => { // 10 a second; the value tells when it was made
+            const now = Date.now();
+            const value = (now % 1e7) / 100;
+            return new DataValue({ value: { dataType: DataType.Double, value }, sourceTimestamp: new Date(now) });
+        }),
         Late: live("Late", () => new DataValue({
             value: { dataType: DataType.Double, value: 5 }, sourceTimestamp: new Date(Date.now() - 3600000),
         })),

@@ -10,7 +10,8 @@ from softplc.tags import Image
 
 class Device:
     """What the driver talks to. `reachable` False refuses connections; `silent` never answers;
-    one that is deaf to writes costs the connection with each. Values by position."""
+    one that is deaf to writes costs the connection with each. `old_replies`: the values of a late reply are those
+    of the time when it was asked. Values by position."""
 
     def __init__(self, clock: Clock, readings: int = 1) -> None:
         self.clock = clock
@@ -20,6 +21,8 @@ class Device:
         self.silent = False
         self.broken = False
         self.deaf_to_writes = False
+        self.old_replies = False
+        self.delay = 0.0  # seconds until a reply
         self.written: list[dict[int, float]] = []
         self.write_status = 0
         self.attempts = 0
@@ -49,8 +52,9 @@ class DeviceDriver:
 
     async def read(self, into: Image) -> None:
         device = self._device
+        asked = list(device.values)
         await self._answer()
-        into.values[:] = device.values
+        into.values[:] = asked if device.old_replies else device.values
         into.statuses[:] = device.statuses
         into.source_timestamps[:] = device.clock.utc_ns()
         into.arrivals[:] = device.clock.monotonic()
@@ -74,6 +78,8 @@ class DeviceDriver:
                 raise LinkError("connection reset")
             if device.broken:
                 raise ZeroDivisionError("a defect of the driver")
+            if device.delay:
+                await asyncio.sleep(device.delay)
             while device.silent:
                 await asyncio.sleep(0.001)
         finally:

@@ -155,7 +155,7 @@ def framing_of(source: ModbusSource) -> Framing:
 
 
 async def connect(source: ModbusSource, framing: Framing, clock: Clock) -> Client:
-    """A connection to the source's device. Raises LinkError when there is none within its connect_timeout."""
+    """A connection to the source's device. Raises LinkError when there is none within its timeout."""
     transport = source.transport
     timeout = source.timeout_ms / 1000.0
     if isinstance(transport, RtuTransport):
@@ -165,7 +165,7 @@ async def connect(source: ModbusSource, framing: Framing, clock: Clock) -> Clien
         client.connection_made(open_serial(transport, client))
         return client
     name = f"{transport.host}:{transport.port}"
-    limit = source.connect_timeout_ms / 1000.0
+    limit = min(timeout, source.connect_timeout_ms / 1000.0)  # a handshake is no slower than a request
     client = Client(framing, name, timeout, clock)
     loop = asyncio.get_running_loop()
     try:

@@ -21,8 +21,9 @@ from softplc.drivers.opcua.node import (
     step_text,
 )
 from softplc.drivers.opcua.session import Session, batches
-from softplc.drivers.opcua.values import NUMBER_TYPES, flat, status_of
+from softplc.drivers.opcua.values import NUMBER_TYPES, decode, flat, status_of
 from softplc.sample import StatusCode, is_bad
+from softplc.tags import Image
 
 BATCH: Final = 100
 """Operations in one request while binding: the scan of others goes on between two requests."""
@@ -88,6 +89,23 @@ async def bind(session: Session, bindings: Sequence[Binding]) -> None:
 def read_value(node: ua.NodeId | None, attribute: ua.AttributeIds = ua.AttributeIds.Value) -> ua.ReadValueId:
     """What to read: the value of a node, or another attribute."""
     return ua.ReadValueId(NodeId=node, AttributeId=attribute)
+
+
+def server_time() -> Binding:
+    """What is read where there is no tag to read: the server has to prove that it lives."""
+    address = NodeIdAddress(0, int(ua.ObjectIds.Server_ServerStatus_CurrentTime))
+    return Binding(address, [], ua.NodeId(address.identifier), StatusCode.GOOD, "")
+
+
+def put(binding: Binding, data: ua.DataValue, into: Image, arrival: float, now: int) -> None:
+    """The samples of a variable's tags; `arrival` in monotonic seconds, `now` in ns UTC where it has no timestamp."""
+    for position, index in binding.uses:
+        value, status, stamp = decode(data, index)
+        into.values[position] = value
+        into.statuses[position] = status
+        into.source_timestamps[position] = now if stamp is None else stamp
+        into.arrivals[position] = arrival
+    binding.note(status_of(data))
 
 
 def plain_node(node: ua.ExpandedNodeId) -> ua.NodeId | None:

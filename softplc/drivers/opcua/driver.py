@@ -3,7 +3,8 @@
 `mode: poll` asks for all variables in every `read`, so its values and statuses are of this scan.
 `mode: subscribe` keeps an image of the newest values that the server reported, and `read` copies it. A value that
 does not change and a server that is gone look alike, so a server that has had nothing to report for PROOF_AFTER has
-to answer for its clock first; and the subscription itself has `stale_after_ms` for a notification or a keep-alive.
+to answer for its clock first, and for some of the variables (`witnesses.py`): one that changed without a report means
+that the subscription is dead. The subscription itself has `stale_after_ms` for a notification or a keep-alive.
 
 The driver does not reconnect: whatever is wrong with the connection is a LinkError, and the next connection is a
 new driver. Of one tag's trouble the connection takes no notice: the tag is Bad and is looked for again every
@@ -20,13 +21,13 @@ from typing import Final
 from asyncua import ua
 
 from softplc.clock import Clock
-from softplc.drivers.opcua.binding import Binding, bind, group, read_value
+from softplc.drivers.opcua.binding import Binding, bind, group, put, read_value, server_time
 from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
 from softplc.drivers.opcua.credentials import Credentials
-from softplc.drivers.opcua.node import NodeIdAddress
 from softplc.drivers.opcua.session import Session, batches, within
 from softplc.drivers.opcua.subscription import Subscription
-from softplc.drivers.opcua.values import decode, encode, status_of
+from softplc.drivers.opcua.values import encode
+from softplc.drivers.opcua.witnesses import Witnesses
 from softplc.errors import LinkError
 from softplc.sample import StatusCode, is_bad
 from softplc.tags import Image
@@ -78,6 +79,7 @@ class OpcUaDriver:
         self._plan: list[_Batch] = []
         self._subscription: Subscription | None = None
         self._latest = Image(len(readings))
+        self._witnesses = Witnesses(self._session, self._readings, self._latest, clock)
         self._answered = -math.inf
         self._awaited: set[int] = set()
         self._fault: LinkError | None = None
@@ -129,7 +131,7 @@ class OpcUaDriver:
             values = await self._session.read(batch.nodes)
             arrival, now = self._clock.monotonic(), self._clock.utc_ns()
             for binding, data in zip(batch.bindings, values, strict=True):
-                _put(binding, data, into, arrival, now)
+                put(binding, data, into, arrival, now)
         for binding in self._readings:
             if binding.node is None:
                 into.fail(binding.status, (position for position, _ in binding.uses))
@@ -180,7 +182,7 @@ class OpcUaDriver:
 
     def _make_plan(self) -> list[_Batch]:
         """Every resolved variable, those with a problem too: its status is the server's, and its end is seen."""
-        found = [binding for binding in self._readings if binding.node is not None] or [_server_time()]
+        found = [binding for binding in self._readings if binding.node is not None] or [server_time()]
         return [
             _Batch(tuple(read_value(binding.node) for binding in some), tuple(some))
             for some in batches(found, self._session.limits.read)
@@ -218,15 +220,25 @@ class OpcUaDriver:
         self._subscription.check()
 
     async def _prove_life(self, subscription: Subscription) -> None:
-        """Wait for an answer from a server that is silent. The link takes no values for current until it came."""
+        """Wait for an answer from a server that is silent. The link takes no values for current until it came.
+
+        Of an answer that took long nobody knows when it was given, nor of the reports that came with it: the server
+        is asked once more, for everything.
+        """
+        limit = max(self._period, PROOF_AFTER)
         silent_since = max(subscription.last_sign, self._answered)
-        if self._clock.monotonic() - silent_since > max(self._period, PROOF_AFTER):
-            await self._session.read([read_value(_server_time().node)])
-            self._answered = self._clock.monotonic()
+        if self._clock.monotonic() - silent_since <= limit:
+            return
+        asked = self._clock.monotonic()
+        grace = subscription.sampling + 2.0 * subscription.publishing
+        self._answered = await self._witnesses.ask(self._witnesses.some(), grace)
+        if self._answered - asked > limit:
+            self._answered = await self._witnesses.ask(self._witnesses.everybody(), grace)
 
     def _take(self, handle: int, data: ua.DataValue, arrival: float) -> None:
         self._awaited.discard(handle)
-        _put(self._readings[handle], data, self._latest, arrival, self._clock.utc_ns())
+        self._witnesses.reported(handle)
+        put(self._readings[handle], data, self._latest, arrival, self._clock.utc_ns())
 
     def _look_after(self) -> None:
         """Start the chores when they are due; raise what they found wrong with the connection."""
@@ -258,22 +270,6 @@ class OpcUaDriver:
             self._plan = self._make_plan()
         else:
             await self._monitor([binding for binding in lost if not binding.monitored])
-
-
-def _server_time() -> Binding:
-    """What is read where there is no tag to read: the server has to prove that it lives."""
-    address = NodeIdAddress(0, int(ua.ObjectIds.Server_ServerStatus_CurrentTime))
-    return Binding(address, [], ua.NodeId(address.identifier), StatusCode.GOOD, "")
-
-
-def _put(binding: Binding, data: ua.DataValue, into: Image, arrival: float, now: int) -> None:
-    for position, index in binding.uses:
-        value, status, stamp = decode(data, index)
-        into.values[position] = value
-        into.statuses[position] = status
-        into.source_timestamps[position] = now if stamp is None else stamp
-        into.arrivals[position] = arrival
-    binding.note(status_of(data))
 
 
 def _write_value(binding: Binding, index: int | None, value: float) -> ua.WriteValue | None:

@@ -17,6 +17,7 @@ from asyncua import ua
 
 from softplc.clock import Clock
 from softplc.drivers.opcua.credentials import APPLICATION_NAME, PRODUCT_URI, Credentials
+from softplc.drivers.opcua.left import LEFT_SESSIONS, session_of
 from softplc.drivers.opcua.transport import Transport, make_client
 from softplc.errors import LinkError
 
@@ -61,6 +62,7 @@ class Session:
         self._clock = clock
         self._timeout = timeout
         self._credentials = credentials
+        self._key = (self.url, credentials.user, credentials.application_uri)
         self._closed = False
         self._renew_at = float("inf")
         self._client = make_client(self.url, timeout)
@@ -71,27 +73,37 @@ class Session:
         self._transport: Transport = self._client.uaclient
 
     async def open(self, connect_timeout: float) -> None:
-        """Connect, log in, learn namespaces and limits; each step within `connect_timeout`. Raises LinkError."""
+        """Connect, log in, learn namespaces and limits; each step within `connect_timeout`. Raises LinkError.
+
+        The handshake of TCP and the server's first word have only as long as any request: where nobody is, the next
+        attempt can come soon. Logging in may take a small PLC longer.
+        """
         client = self._client
-        self._transport.set_timeout(connect_timeout)
+        self._transport.set_timeout(min(self._timeout, connect_timeout))
         with link_errors(f"cannot connect to {self.url}"), self._no_endpoint():
             if self._credentials.certificates is not None:
                 await self._credentials.certificates.apply(client)
             await client.connect_socket()
             await self._transport.greet(self.url)
+            self._transport.set_timeout(connect_timeout)
             await client.open_secure_channel()
             self._schedule_renewal()
+            login = {"username": self._credentials.user, "password": self._credentials.password}
+            await LEFT_SESSIONS.close_all(self._key, client, self._clock.monotonic(), **login)
             await client.create_session()
-            await client.activate_session(username=self._credentials.user, password=self._credentials.password)
+            await client.activate_session(**login)
         self._transport.set_timeout(self._timeout)
         await self._learn()
         if self._closed:  # given up meanwhile, while something did not let itself be cancelled
-            self._transport.farewell()
+            self._say_farewell()
 
-    async def read(self, nodes: Sequence[ua.ReadValueId]) -> list[ua.DataValue]:
-        """One Read of attributes with source timestamps, fresh from the device. Raises LinkError."""
+    async def read(self, nodes: Sequence[ua.ReadValueId], max_age: float = 0.0) -> list[ua.DataValue]:
+        """One Read of attributes with source timestamps, fresh from the device unless `max_age` (ms) allows other.
+
+        Raises LinkError.
+        """
         parameters = ua.ReadParameters(
-            MaxAge=0.0, TimestampsToReturn=ua.TimestampsToReturn.Source, NodesToRead=list(nodes)
+            MaxAge=max_age, TimestampsToReturn=ua.TimestampsToReturn.Source, NodesToRead=list(nodes)
         )
         return await self._list("Read", self._transport.session.read(parameters), len(nodes))
 
@@ -166,7 +178,12 @@ class Session:
         """Let go at once; the socket is gone within a second, whatever the server does."""
         if not self._closed:
             self._closed = True
-            self._transport.farewell()
+            self._say_farewell()
+
+    def _say_farewell(self) -> None:
+        """Close the session, over the next connection where this one is beyond it."""
+        session = session_of(self._client, self._clock.monotonic())
+        self._transport.farewell(lambda: LEFT_SESSIONS.add(self._key, session))
 
     async def _learn(self) -> None:
         """How much goes into one Read, and with that all else."""

@@ -8,6 +8,7 @@
 
 import asyncio
 import logging
+from collections.abc import Callable
 from typing import Any, Final
 
 from asyncua import Client, ua
@@ -47,16 +48,19 @@ class Transport(UaClient):  # type: ignore[misc]  # asyncua is untyped
         response.ResponseHeader.ServiceResult.check()
         return response
 
-    def farewell(self) -> None:
-        """Let go of session and socket, at once."""
+    def farewell(self, left_behind: Callable[[], None]) -> None:
+        """Let go of session and socket, at once; `left_behind` is called when the session could not be closed."""
         protocol = self.protocol
         if protocol is None or protocol.transport is None:
+            left_behind()
             return
         answer = self._close_session(protocol)
         if answer is None:
             protocol.transport.abort()
+            left_behind()
             return
-        task = asyncio.get_running_loop().create_task(_leave(protocol.transport, answer), name="opcua farewell")
+        leaving = _leave(protocol.transport, answer, left_behind)
+        task = asyncio.get_running_loop().create_task(leaving, name="opcua farewell")
         _leaving.add(task)
         task.add_done_callback(_leaving.discard)
 
@@ -105,10 +109,12 @@ def make_client(url: str, timeout: float) -> Client:
     return client
 
 
-async def _leave(transport: asyncio.Transport, answer: "asyncio.Future[Any]") -> None:
+async def _leave(
+    transport: asyncio.Transport, answer: "asyncio.Future[Any]", left_behind: Callable[[], None]
+) -> None:
     try:
         await asyncio.wait({answer}, timeout=FAREWELL)
     finally:
-        if not answer.cancel() and not answer.cancelled():
-            answer.exception()  # looked at, so that nobody complains that it was not
+        if answer.cancel() or answer.cancelled() or answer.exception() is not None:
+            left_behind()
         transport.abort()

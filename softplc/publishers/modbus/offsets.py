@@ -72,6 +72,7 @@ SOURCE: Final = Frame(
     SOURCES,
     {
         "Connected": 0,
+        "OffScan": 1,
         "Reads": 2,
         "ReadErrors": 4,
         "Reconnects": 6,
