@@ -15,6 +15,7 @@ class Diagnosis(IntEnum):
     Q_TOO_LARGE = 5
     COVARIANCE_NOT_VALID = 6
     BLEED = 7
+    NOT_RANDOM = 8
 
 
 DIAGNOSIS_TEXT: Final[dict[Diagnosis, str]] = {
@@ -26,4 +27,5 @@ DIAGNOSIS_TEXT: Final[dict[Diagnosis, str]] = {
     Diagnosis.Q_TOO_LARGE: "Q too large: the axis moves less than the tuning allows, the estimate follows the noise",
     Diagnosis.COVARIANCE_NOT_VALID: "covariance not valid: P is not finite or has a negative eigenvalue",
     Diagnosis.BLEED: "not consistent while the velocity bleeds: switch bleed off to judge Q and R",
+    Diagnosis.NOT_RANDOM: "innovations not random: the estimate swings, or samples come twice; Q and R cure neither",
 }

@@ -1,7 +1,7 @@
 """The adaptive observer: one that knows when the motion changes, tuned with the machine's own data."""
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ class AdaptiveConfig(Model):
     gate: Annotated[float, Field(ge=2, le=1e6)] = 4.0
     """A sample further than this many standard deviations from everything that may be is left out, three in a row."""
 
+    tuning_fields: ClassVar[Mapping[str, str]] = {"GateSigma": "gate"}
+
     @property
     def group_key(self) -> tuple[str, ...]:
         """Axes of one task whose configurations have the same key are stepped by one observer."""
@@ -48,11 +50,6 @@ class AdaptiveConfig(Model):
     def tuning(self) -> tuple[str, ...]:
         """Leaves of the tuning."""
         return ("r_x", "top_speed", "top_acceleration", "GateSigma")
-
-    @property
-    def limits(self) -> Mapping[str, tuple[float, float]]:
-        """Limits of written values that are narrower than usual: as the configuration has them."""
-        return {"GateSigma": (2.0, 1e6)}
 
     @staticmethod
     def build(places: Sequence[AxisPlace], configs: Sequence["AdaptiveConfig"]) -> Observer:

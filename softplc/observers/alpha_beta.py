@@ -1,6 +1,7 @@
 """The α-β filter: fixed gains, or gains that the tracking index gives for each measured time step."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Final, Literal, Self
 
 import numpy as np
@@ -17,6 +18,7 @@ _FIXED: Final = ("alpha", "beta")
 _INDEXED: Final = ("sigma_w", "sigma_v")
 _LEAST: Final = 1e-6
 _MOST: Final = 1e6
+_STABLE: Final = 2.0  # β below which every α up to 1 is stable, from β < 4 − 2·α
 
 
 class AlphaBetaConfig(Model):
@@ -66,6 +68,20 @@ class AlphaBetaConfig(Model):
     def tuning(self) -> tuple[str, ...]:
         """Leaves of the tuning."""
         return _INDEXED if self.indexed else _FIXED
+
+    @property
+    def limits(self) -> Mapping[str, tuple[float, float]]:
+        """Limits of written values: one at a time, so whatever comes second must be stable with what came first.
+
+        Below 2, β is stable with every α; where the configuration has more, α stays below what is stable with that.
+        """
+        if self.indexed:
+            return {}
+        beta = self.beta or 0.0
+        return {
+            "alpha": (_LEAST, 1.0 if beta < _STABLE else math.nextafter(2.0 - 0.5 * beta, 0.0)),
+            "beta": (0.0, math.nextafter(_STABLE, 0.0)),
+        }
 
     @staticmethod
     def build(places: Sequence[AxisPlace], configs: Sequence["AlphaBetaConfig"]) -> Observer:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, ClassVar, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,6 +109,14 @@ class AoiConfig(Model):
     @property
     def _exponents(self) -> tuple[int, int]:
         return self.q_exponents or ((1, 1) if self.q_mode == "dt" else (0, 0))
+
+    tuning_fields: ClassVar[Mapping[str, str]] = {
+        "GateSigma": "gate.sigma",
+        "GateMost": "gate.most_in_a_row",
+        "BleedThresh": "bleed.threshold",
+        "BleedFactor": "bleed.factor",
+        "BleedVelocity": "bleed.velocity_limit",
+    }
 
     @property
     def group_key(self) -> tuple[str, ...]:

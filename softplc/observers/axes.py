@@ -7,6 +7,7 @@ from typing import Any, Final, Literal, Protocol
 import numpy as np
 
 from softplc.interfaces import Observer
+from softplc.observers.bounds import bounds_of
 from softplc.observers.consistency import consistency_leaves
 from softplc.observers.leaves import COMMANDS, LEAVES, Leaf
 from softplc.tags import Block, DataType, Role, Tag
@@ -134,11 +135,14 @@ def _tag(spec: AxisSpec, name: str, observer: ObserverModel) -> Tag:
 def _limits(leaf: Leaf, observer: ObserverModel) -> tuple[float, float] | None:
     """What may be written to a tuning tag: in REAL a number that stays within the limits when it is rounded.
 
-    A model whose options narrow the limits of the catalogue has them by leaf in `limits`.
+    They are those of the field that the leaf is from; a model whose options narrow them has them by leaf in `limits`.
     """
+    if leaf.limits is None:
+        return None
     narrower: Mapping[str, tuple[float, float]] = getattr(observer, "limits", {})
-    limits = narrower.get(leaf.name, leaf.limits)
-    if limits is None or leaf.data_type is not DataType.DOUBLE or getattr(observer, "precision", "") != "real":
+    each = [pair for pair in (leaf.limits, bounds_of(observer, leaf.name), narrower.get(leaf.name)) if pair]
+    limits = max(low for low, _ in each), min(high for _, high in each)
+    if leaf.data_type is not DataType.DOUBLE or getattr(observer, "precision", "") != "real":
         return limits
     low, high = (float(bound) for bound in np.clip(limits, -_REAL_MAX, _REAL_MAX))
     low = max(low, _REAL_TINY) if low > 0.0 else low

@@ -1,7 +1,7 @@
 """The DERIVATIVE example block of IEC 61131-3: the velocity from four samples; the position passes through."""
 
-from collections.abc import Sequence
-from typing import Annotated, Literal, Self
+from collections.abc import Mapping, Sequence
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -32,6 +32,8 @@ class DerivativeConfig(Model):
         if self.dt_mode == "measured" and self.cycle_ms is not None:
             raise ValueError("cycle_ms with dt_mode measured, which does not use it")
         return self
+
+    tuning_fields: ClassVar[Mapping[str, str]] = {"cycle": "cycle_ms"}
 
     @property
     def group_key(self) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +88,8 @@ class DucekfConfig(Model):
                 "impact_covariance omega divides by the restitution, which is 0, expected saltation or none"
             )
         return self
+
+    tuning_fields: ClassVar[Mapping[str, str]] = {"Restitution": "model.restitution"}
 
     @property
     def group_key(self) -> tuple[Any, ...]:

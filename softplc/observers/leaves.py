@@ -18,8 +18,8 @@ from softplc.units import per_second, squared
 class Leaf:
     """One tag that an axis may have.
 
-    `limits` are those of a value that is written to a tuning tag, both allowed; without limits its value is fixed
-    when the observer is built, and nobody writes it.
+    `limits` are those of a value that is written to a tuning tag on any observer, both allowed; the observer's own
+    configuration may narrow them. Without limits its value is fixed when the observer is built, and nobody writes it.
     """
 
     name: str
@@ -134,7 +134,7 @@ _TUNING: Final = (
         "",
         "So many rejected samples in a row; the next one starts the observer anew",
         DataType.UINT16,
-        limits=(0.0, 65535.0),
+        limits=_COUNT,
     ),
     Leaf(
         "BleedOn",
@@ -145,20 +145,20 @@ _TUNING: Final = (
     ),
     Leaf("BleedVelocity", "u/s", "Speed below which the velocity may bleed", limits=_ABOVE_ZERO),
     Leaf("Band", "u", "Width of the activation band at a stop"),
-    Leaf("Restitution", "", "What an impact leaves of the speed, reversed", limits=(0.0, 10.0)),
+    Leaf("Restitution", "", "What an impact leaves of the speed, reversed", limits=_FROM_ZERO),
     Leaf("LowerStop", "u", "Position of the lower stop"),
     Leaf("UpperStop", "u", "Position of the upper stop"),
-    Leaf("top_speed", "u/s", "Speed at which the machine travels", limits=(1e-9, 1e9)),
-    Leaf("top_acceleration", "u/s2", "Acceleration with which the machine gets there", limits=(1e-9, 1e9)),
-    Leaf("window", "", "Samples that are averaged", DataType.UINT16, limits=(2.0, 1000.0)),
-    Leaf("cycle", "s", "Sampling period that the block believes in", limits=(1e-6, 3600.0)),
-    Leaf("alpha", "", "Gain for the position, α", limits=(1e-6, 1.0)),
-    Leaf("beta", "", "Gain for the velocity times Δt, β", limits=(1e-12, 4.0)),
-    Leaf("sigma_w", "u/s2", "Standard deviation of the acceleration", limits=(1e-6, 1e6)),
-    Leaf("sigma_v", "u", "Standard deviation of the measurement", limits=(1e-6, 1e6)),
-    Leaf("min_cutoff", "Hz", "Cutoff frequency at rest", limits=(1e-6, 1e6)),
-    Leaf("cutoff_slope", "1/u", "Rise of the cutoff with the speed, the paper's β", limits=(0.0, 1e9)),
-    Leaf("d_cutoff", "Hz", "Cutoff frequency of the velocity", limits=(1e-6, 1e6)),
+    Leaf("top_speed", "u/s", "Speed at which the machine travels", limits=_ABOVE_ZERO),
+    Leaf("top_acceleration", "u/s2", "Acceleration with which the machine gets there", limits=_ABOVE_ZERO),
+    Leaf("window", "", "Samples that are averaged", DataType.UINT16, limits=_COUNT),
+    Leaf("cycle", "s", "Sampling period that the block believes in", limits=_ABOVE_ZERO),
+    Leaf("alpha", "", "Gain for the position, α", limits=_ABOVE_ZERO),
+    Leaf("beta", "", "Gain for the velocity times Δt, β", limits=_ABOVE_ZERO),
+    Leaf("sigma_w", "u/s2", "Standard deviation of the acceleration", limits=_ABOVE_ZERO),
+    Leaf("sigma_v", "u", "Standard deviation of the measurement", limits=_ABOVE_ZERO),
+    Leaf("min_cutoff", "Hz", "Cutoff frequency at rest", limits=_ABOVE_ZERO),
+    Leaf("cutoff_slope", "1/u", "Rise of the cutoff with the speed, the paper's β", limits=_FROM_ZERO),
+    Leaf("d_cutoff", "Hz", "Cutoff frequency of the velocity", limits=_ABOVE_ZERO),
 )
 
 _ALL: Final = (*_OUTPUTS, *_INPUTS, *_ESTIMATES, *_JUDGED, *_STATE, *_COMMANDS, *_CONSTANTS, *_TUNING)

@@ -1,7 +1,7 @@
 """The 1€ filter: a low pass whose cutoff rises with the speed; the velocity is its low-passed derivative."""
 
-from collections.abc import Sequence
-from typing import Annotated, Literal
+from collections.abc import Mapping, Sequence
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -26,6 +26,8 @@ class OneEuroConfig(Model):
     difference: Literal["measured", "filtered"] = "measured"
     """Against what a new sample is differenced: the last measurement, or as the paper the last filtered position,
     which reads the velocity of a ramp several times too high."""
+
+    tuning_fields: ClassVar[Mapping[str, str]] = {"cutoff_slope": "beta"}
 
     @property
     def group_key(self) -> tuple[str, ...]:

@@ -130,6 +130,44 @@ def test_independent_innovations_stay_within_the_bands_as_often_as_they_say():
     assert consistent.mean() > 0.98
 
 
+@pytest.mark.parametrize(("window", "lags"), [(50, 3), (200, 2), (200, 5), (1000, 12)])
+def test_independent_innovations_are_rarely_called_not_random(window, lags):
+    runs = 3000
+    state = ConsistencyState(runs, window, lags)
+    feed(state, np.random.default_rng(2).normal(size=(window + state.settling, runs)))
+    codes = diagnose(state, Figures(state), np.full(runs, 0.2))
+    assert np.mean(codes == Diagnosis.NOT_RANDOM) < 0.015
+    assert np.mean(codes == Diagnosis.CONSISTENT) > 0.97
+
+
+@pytest.mark.parametrize("period", [2.5, 4, 6, 9, 14])
+def test_innovations_that_swing_are_not_random_though_their_autocorrelation_averages_out(period: float):
+    """Half of the variance is white, half a swing whose phase wanders; the mean NIS is as it should be."""
+    runs, scans = 300, 260
+    rng = np.random.default_rng(3)
+    phase = 2 * np.pi * (np.arange(scans)[:, np.newaxis] / period + rng.random(runs))
+    phase += np.cumsum(rng.normal(0, 0.1, (scans, runs)), axis=0)
+    state = ConsistencyState(runs, 200, 5)
+    feed(state, np.sin(phase) + rng.normal(0, np.sqrt(0.5), (scans, runs)))
+    figures = Figures(state)
+    codes = diagnose(state, figures, np.full(runs, 0.2))
+    assert np.abs(figures.rho.mean(axis=0)).mean() < 0.2  # what lags has more
+    assert np.mean(codes == Diagnosis.CONSISTENT) == 0.0
+    # a fast swing has a negative mean of ρ, which is what a gain that is too high looks like
+    assert set(codes) <= {Diagnosis.NOT_RANDOM, Diagnosis.Q_TOO_LARGE, Diagnosis.R_TOO_SMALL, Diagnosis.Q_TOO_SMALL}
+
+
+def test_one_lag_alone_has_no_shape_and_is_judged_by_its_size():
+    state = ConsistencyState(3, 200, 1)
+    nu = np.random.default_rng(0).normal(size=(250, 3))
+    nu[1:, 1] += nu[:-1, 1]
+    nu[1:, 2] -= nu[:-1, 2]
+    feed(state, nu / nu.std(axis=0))
+    codes = diagnose(state, Figures(state), np.full(3, 0.2))
+    assert codes.tolist()[0] == Diagnosis.CONSISTENT
+    assert Diagnosis.CONSISTENT not in codes.tolist()[1:]
+
+
 def test_the_smallest_eigenvalue_is_numpys_whatever_the_entries_scales():
     rng = np.random.default_rng(5)
     a, c = 10.0 ** rng.uniform(-6, 6, (2, 500))

@@ -9,6 +9,7 @@ from softplc.kernel.diagnosis import Diagnosis
 from softplc.observers.aoi import AoiConfig, Bleed
 from softplc.observers.axes import AxisSpec
 from softplc.observers.consistency import consistency_leaves
+from softplc.observers.fb_kalman import FbKalmanConfig
 from softplc.sample import Reason, StatusCode
 from tests.observers.rig import Rig, make_rig
 
@@ -27,7 +28,8 @@ def track(kind: str, tuning: tuple[float, float, float], rng: np.random.Generato
     if kind == "ramp-hold":
         phase = (t + rng.uniform(0, 60, RUNS)) % 60
         return np.select([phase < 15, phase < 30, phase < 45], [10 * phase, 150, 150 - 10 * (phase - 30)], 0.0)
-    return 20 * np.sin(2 * np.pi * t / 8 + rng.uniform(0, 2 * np.pi, RUNS))
+    period = 20 if kind == "slow sine" else 8
+    return 20 * np.sin(2 * np.pi * t / period + rng.uniform(0, 2 * np.pi, RUNS))
 
 
 def verdicts(
@@ -70,6 +72,33 @@ def test_bleed_is_named_rather_than_q_or_r_and_a_consistent_axis_may_bleed():
     assert np.mean(bleeding == Diagnosis.BLEED) > 0.3
     rare = verdicts("model", FIRM, bleed=Bleed(threshold=1e-6, factor=0.9))
     assert np.mean(rare == Diagnosis.CONSISTENT) >= 0.9
+
+
+def block(kind: str, variant: str, times: int) -> np.ndarray:
+    """The lamp of FB_KalmanFilter with its own Q and an R that is the noise; the task reads each sample `times`."""
+    rng = np.random.default_rng(1)
+    config = FbKalmanConfig.model_validate({"type": "fb_kalman", "variant": variant, "R": 1.0})
+    axes = [(AxisSpec(f"A{i}", consistency=(200, 5)), config) for i in range(RUNS)]
+    rig = make_rig(*axes, period=DT / times)
+    samples = track(kind, (0.0, config.Q, 1.0), rng) + rng.normal(0, 1, (SCANS, RUNS))
+    for z in np.repeat(samples, times, axis=0)[-SCANS:]:
+        rig.scan(*z)
+    return np.array([rig.get("Consistency", axis) for axis in range(RUNS)])
+
+
+@pytest.mark.parametrize("kind", ["slow sine", "ramp-hold"])
+def test_an_observer_that_swings_is_not_called_consistent_and_the_corrected_one_is(kind):
+    swinging = block(kind, "as_written", times=1)
+    # its ρ are +0.15 … −0.18, two standard errors of 200 updates: in an eighth of the windows that is not to be seen
+    assert np.mean(swinging == Diagnosis.CONSISTENT) < 0.2
+    assert np.mean(swinging == Diagnosis.NOT_RANDOM) > 0.65
+    assert np.mean(block(kind, "corrected", times=1) == Diagnosis.CONSISTENT) >= 0.9
+
+
+@pytest.mark.parametrize("kind", ["sine", "slow sine", "ramp-hold"])
+def test_an_observer_that_swings_on_samples_that_come_twice_is_never_consistent(kind):
+    assert (block(kind, "as_written", times=2) == Diagnosis.NOT_RANDOM).mean() >= 0.95
+    assert (block(kind, "corrected", times=2) != Diagnosis.CONSISTENT).all()
 
 
 def one(seed: int = 4, **fields: object) -> tuple[Rig, np.random.Generator]:

@@ -36,6 +36,11 @@ _MOST: Final = sys.float_info.max
 _NIS_ALARM: Final = 0.999  # of consistent windows lie inside; the published band is at 95 %
 _WHITE_ALARM: Final = 2.6  # standard errors of the mean autocorrelation, 99 %
 _LAG_ALARM: Final = 0.2  # mean autocorrelation that counts as lag: a fifth of the innovation could be predicted
+_SHAPE_ALARM: Final = 0.999  # of independent innovations have autocorrelations that differ less among each other
+_SHAPE_LEAST: Final = 0.05  # Σ(ρ_j − mean)² that any track may have, however long the window
+_FALL_LEAST: Final = 0.14  # the same for the fall of ρ over the lags: two standard errors of 200 updates
+_SIGN_SURE: Final = 1.2  # standard errors: two of ρ beyond it, one on either side, are no lag
+_JOINT_ALARM: Final = -2.0 * math.log(0.01)  # χ² with two degrees of freedom, 99 %
 _R_WRONG: Final = 1.6  # estimated R over assumed R beyond which R gets the blame rather than Q
 
 
@@ -185,7 +190,8 @@ def diagnose(state: ConsistencyState, figures: Figures, K0: Numbers) -> NDArray[
     Something is wrong when the mean NIS leaves its 99.9 % band, or the mean autocorrelation is below −2.6 standard
     errors (the estimate follows the noise) or above 0.2 (it lags). What is wrong tells an estimate of R from the
     innovations themselves (after Mehra, 1970): what is correlated between neighbours is no measurement noise, so
-    R̂/R = ε̄·(1 − ρ₁/(1 − K0)). Beyond a factor of 1.6 R gets the blame, otherwise Q.
+    R̂/R = ε̄·(1 − ρ₁/(1 − K0)). Beyond a factor of 1.6 R gets the blame, otherwise Q; neither where the innovations
+    swing, since that averages out in ρ and no Q and no R makes it: then they are not random, and no more is said.
     """
     low, high = nis_band(state.window, _NIS_ALARM)
     mean = np.add.reduce(figures.rho, axis=0) / state.lags
@@ -193,33 +199,65 @@ def diagnose(state: ConsistencyState, figures: Figures, K0: Numbers) -> NDArray[
     r = figures.nis * (1.0 - figures.rho[0] / (1.0 - K0))
     r_small, r_large = r > _R_WRONG, r < 1.0 / _R_WRONG
 
+    not_random, swings = _not_random(state, figures)
     jitters, lagging = mean < -noise, mean > max(_LAG_ALARM, noise)
     conditions: list[Any] = [
         ~state.full,
         (figures.nis > high) & r_small,
-        figures.nis > high,
         (figures.nis < low) & r_large,
+        swings,
+        figures.nis > high,
         figures.nis < low,
         jitters & r_small,
         jitters,
         lagging & r_large,
         lagging,
+        not_random,
     ]
     codes = [
         Diagnosis.NOT_ENOUGH_DATA,
         Diagnosis.R_TOO_SMALL,
-        Diagnosis.Q_TOO_SMALL,
         Diagnosis.R_TOO_LARGE,
+        Diagnosis.NOT_RANDOM,
+        Diagnosis.Q_TOO_SMALL,
         Diagnosis.Q_TOO_LARGE,
         Diagnosis.R_TOO_SMALL,
         Diagnosis.Q_TOO_LARGE,
         Diagnosis.R_TOO_LARGE,
         Diagnosis.Q_TOO_SMALL,
+        Diagnosis.NOT_RANDOM,
     ]
     found: NDArray[np.uint8] = np.select(conditions, [int(code) for code in codes], int(Diagnosis.CONSISTENT)).astype(
         np.uint8
     )
     return found
+
+
+def _not_random(state: ConsistencyState, figures: Figures) -> tuple[Flags, Flags]:
+    """Rows whose ρ_j differ among each other by more than chance, and those of them that surely fall from + to −.
+
+    An estimate that lags makes all ρ_j much the same, and their mean finds it. One that swings makes them swing,
+    and in their mean that is lost. Either their scatter is beyond its 99.9 %, or they fall over the lags, and that
+    together with the mean NIS is beyond 99 %.
+    """
+    rho, window, lags = figures.rho, state.window, state.lags
+    if lags == 1:
+        nowhere: Flags = np.zeros(len(state), np.bool_)
+        return nowhere, nowhere
+    off = rho - np.add.reduce(rho, axis=0) / lags
+    scatter = np.add.reduce(off * off, axis=0)
+    most = chi_square_mean(_SHAPE_ALARM, lags - 1) * (lags - 1) / window
+
+    weights = (lags + 1) / 2.0 - np.arange(1.0, lags + 1)
+    weights /= math.sqrt(float(np.add.reduce(weights * weights)))
+    fall = np.add.reduce(weights[:, np.newaxis] * rho, axis=0)  # variance 1/N
+    spread = 2.0 / (9.0 * window)
+    z = (np.cbrt(figures.nis) - (1.0 - spread)) / math.sqrt(spread)
+    falls: Flags = (fall > max(1.96 / math.sqrt(window), _FALL_LEAST)) & (window * fall * fall + z * z > _JOINT_ALARM)
+
+    sure = _SIGN_SURE / math.sqrt(window)
+    swings: Flags = falls & (rho.max(axis=0) > sure) & (rho.min(axis=0) < -sure)
+    return (scatter > max(most, _SHAPE_LEAST)) | falls, swings
 
 
 @np.errstate(all="ignore")
