@@ -71,6 +71,7 @@ class Reason(IntEnum):
     INTERNAL_ERROR = 15  # this observer failed; it is parked, the others run
     INNOVATION_GATE = 16  # the sample lies too far from the prediction to be believed; predicted instead
     HELD_AT_STOP = 17  # the estimate reached an end stop before the axis did and waits there for the contact
+    FAR_OFF = 18  # the measurement is a thousand σ from the prediction: one of the two is not to be believed
 
 
 REASON_TEXT: Final[dict[Reason, str]] = {
@@ -92,6 +93,7 @@ REASON_TEXT: Final[dict[Reason, str]] = {
     Reason.INTERNAL_ERROR: "the observer failed and is parked",
     Reason.INNOVATION_GATE: "innovation beyond the gate, sample rejected",
     Reason.HELD_AT_STOP: "estimate waits at the end stop for the contact",
+    Reason.FAR_OFF: "measurement and prediction are a thousand sigma apart",
 }
 
 

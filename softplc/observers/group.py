@@ -31,6 +31,7 @@ _OUTCOME: Final = {
 }
 
 _MOST: Final = float(np.finfo(np.float64).max)
+_FAR_OFF: Final = 1e6  # NIS: a thousand σ, which no noise and no motion makes, but one wild sample does
 
 
 class AxisGroup:
@@ -122,6 +123,8 @@ class AxisGroup:
             np.divide(nis, S, out=nis, where=S > 0.0)
             np.copyto(nis, 0.0, where=~(S > 0.0))
             np.minimum(nis, _MOST, out=nis)  # the square may overflow where nothing else did
+            if nis.max() > _FAR_OFF:
+                self._doubt(nis > _FAR_OFF)
 
         stepped = time.rows & finite
         if self._consistency is not None:
@@ -178,6 +181,12 @@ class AxisGroup:
             samples.status[nothing] = StatusCode.BAD_OUT_OF_RANGE
             samples.reason[lost] = Reason.NOT_FINITE
             samples.blank = nothing if samples.blank is None else samples.blank | nothing
+
+    def _doubt(self, far: Flags) -> None:
+        """A wild sample that nothing kept out is in the state: say so until the estimate has found back."""
+        samples = self.samples
+        far &= (samples.reason == Reason.NONE) | (samples.reason == Reason.PREDICTED)
+        samples.status[far], samples.reason[far] = StatusCode.UNCERTAIN_SUB_NORMAL, Reason.FAR_OFF
 
     def _age(self, scan: Scan) -> NDArray[np.float64]:
         """Seconds since the newest sample arrived, since the first scan where none ever did."""

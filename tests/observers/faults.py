@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from hypothesis import strategies as st
 
-from softplc.sample import StatusCode
+from softplc.sample import Reason, StatusCode
 from tests.observers.rig import UTC, Rig
 
 LIMITS = (-1000.0, 1000.0)
@@ -58,6 +58,16 @@ def apply(rig: Rig, fault: Fault) -> None:
     rig.inputs.arrivals[:] = fault.arrival
     _enable(rig, fault.enable)
     rig.step(fault.dt)
+
+
+BACK = (StatusCode.GOOD, Reason.NONE)
+FAR_OFF = (StatusCode.UNCERTAIN_SUB_NORMAL, Reason.FAR_OFF)
+
+
+def assert_back(rig: Rig, ranged: int = 3) -> None:
+    """The first axes, which have a range, are Good again; one that takes any number may say that it is not."""
+    for axis in range(4):
+        assert rig.outcome(axis) in ((BACK,) if axis < ranged else (BACK, FAR_OFF)), axis
 
 
 def good(rig: Rig, scans: int, value: float = 7.0) -> None:

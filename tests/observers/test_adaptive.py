@@ -13,7 +13,7 @@ from softplc.observers.adaptive import AdaptiveConfig, AdaptiveKernel
 from softplc.observers.axes import AxisSpec
 from softplc.observers.kernel import Given
 from softplc.sample import Reason, StatusCode
-from tests.observers.faults import LIMITS, Fault, apply, faults, good
+from tests.observers.faults import LIMITS, Fault, apply, assert_back, faults, good
 from tests.observers.rig import Rig, make_rig
 
 GOOD = (StatusCode.GOOD, Reason.NONE)
@@ -204,7 +204,7 @@ def test_after_any_faults_one_good_second_brings_every_axis_back(scans: list[Fau
 
     good(rig, 20)
 
-    assert [rig.outcome(axis) for axis in range(4)] == [GOOD] * 4
+    assert_back(rig)
     # four scans may pass until a jump is believed; within noise of the measurement then
     assert [rig.get("Position", axis) for axis in range(4)] == pytest.approx([7.0] * 4, abs=2.0)
 

@@ -195,8 +195,8 @@ def test_a_covariance_that_a_real_loses_is_flagged_for_good_or_ends_with_a_start
     for _ in range(50):
         rig.scan(stopped)
 
-    if recovers:
-        assert rig.outcome() == (StatusCode.GOOD, Reason.NONE)
+    if recovers:  # though without process noise it cannot follow the stop, and says so
+        assert rig.outcome() == (StatusCode.UNCERTAIN_SUB_NORMAL, Reason.FAR_OFF)
         assert rig.get("S") > 0
     else:
         assert rig.outcome() == (StatusCode.UNCERTAIN_SUB_NORMAL, Reason.INNOVATION_VARIANCE)

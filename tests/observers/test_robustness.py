@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from softplc.observers.aoi import AoiConfig, Bleed
 from softplc.observers.axes import AxisSpec
 from softplc.sample import Reason, StatusCode
-from tests.observers.faults import LIMITS, Fault, apply, faults, good
+from tests.observers.faults import LIMITS, Fault, apply, assert_back, faults, good
 from tests.observers.rig import CONFIG, ESTIMATES, make_rig
 
 AXES: tuple[tuple[AxisSpec, AoiConfig], ...] = (
@@ -40,7 +40,7 @@ def test_after_any_faults_one_good_second_brings_every_axis_back(scans: list[Fau
 
     good(rig, 20)
 
-    assert [rig.outcome(axis) for axis in range(4)] == [(StatusCode.GOOD, Reason.NONE)] * 4
+    assert_back(rig)
 
 
 @settings(max_examples=10, deadline=None)
@@ -86,3 +86,18 @@ def test_what_was_rejected_leaves_no_trace_whatever_it_was(
                 rig.scan(sample)
             shown = [[rig.get(leaf) for leaf in ESTIMATES] for rig in (one, other, bad)]
             assert shown[0] == shown[1] == shown[2]
+
+
+def test_a_wild_sample_that_nothing_kept_out_is_told_until_the_estimate_has_found_back():
+    rig = make_rig((AxisSpec("A0"), AoiConfig(type="aoi", q_x=0.01, q_x_dot=0.1, r_x=4 / 3)))
+    good(rig, 20)
+    rig.scan(1e30)
+    told = [rig.outcome()]
+    while told[-1][1] and rig.scans < 5000:
+        good(rig, 1)
+        told.append(rig.outcome())
+
+    assert set(told[:-1]) == {(StatusCode.UNCERTAIN_SUB_NORMAL, Reason.FAR_OFF)}
+    assert told[-1] == (StatusCode.GOOD, Reason.NONE)
+    assert len(told) > 20  # one good second is not enough after that
+    assert abs(rig.get("Position") - rig.get("Raw")) < 1000.0 * np.sqrt(rig.get("S"))

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from softplc.observers.axes import AxisSpec
-from softplc.sample import Reason, StatusCode
-from tests.observers.faults import LIMITS, Fault, apply, faults, good
+from softplc.sample import StatusCode
+from tests.observers.faults import LIMITS, Fault, apply, assert_back, faults, good
 from tests.observers.rig import Rig, make_rig
 from tests.observers.simple import CASES, NAMES, Case
 
@@ -41,7 +41,7 @@ def test_after_any_faults_one_good_second_brings_every_axis_back(case: Case, seq
 
     good(rig, 20)
 
-    assert [rig.outcome(axis) for axis in range(4)] == [(StatusCode.GOOD, Reason.NONE)] * 4
+    assert_back(rig)
 
 
 @settings(max_examples=8, deadline=None)
