@@ -1,7 +1,7 @@
 """The two-state Kalman observer by hand: a script to be read from top to bottom, with the Structured Text beside it.
 
-Run it with `python docs/kalman_by_hand.py`, or cell by cell (`# %%`) in an editor that knows notebooks. It needs
-softplc's kernel and numpy, no server, no PLC and no configuration. Equation numbers are those of T. Turner,
+Run it with `.venv/bin/python docs/kalman_by_hand.py`, or cell by cell (`# %%`) in an editor that knows notebooks. It
+needs softplc's kernel and numpy, no server, no PLC and no configuration. Equation numbers are those of T. Turner,
 "Discrete-Time Implementation of a Two-State Kalman Observer in a Scan-Based Real-Time Control Environment" (2026).
 """
 
@@ -10,7 +10,11 @@ import numpy as np
 from softplc.kernel import AoiInputs, AoiState, aoi_lreal, aoi_real, steady_gains
 
 # %% 1. One scan, line by line
-# An axis stands at 0 and its encoder now says 1. The state is what the last scan left behind; u is the axis' unit.
+# An axis has just been enabled at position 0, and now its encoder says 1. The Structured Text starts every enabled
+# axis at its measurement, at rest, and this is what that leaves behind; u is the axis' unit.
+#   IF NOT init THEN x_pred := x; x_dot_pred := 0.0; P[0] := 1.0; P[1] := 0.0; P[2] := 0.0; P[3] := 10.0; … init := 1;
+# (In the text the start and the first predict and update share a scan. Here they are pulled apart, so that there is
+# an innovation to look at: the numbers are what that scan would give, had the axis moved by 1 u within it.)
 
 dt_s = 50.0 / 1000.0  #  dt_s := dt / 1000.0;                    the scan took 50 ms
 x = 1.0  #               measured position, u
@@ -24,9 +28,14 @@ P = np.array([[1.0, 0.0], [0.0, 10.0]])  # and how sure of them we are: variance
 # Predict the state: the axis goes on at the velocity that it has, equations (2) and (3).
 x_pred = x_pred + dt_s * x_dot_pred  #   x_pred := x_pred + dt_s * x_dot_pred;
 
-# Predict the covariance: FPFᵀ + Q, equation (6). The AOI writes out the four entries, (7) to (12).
+# Predict the covariance: FPFᵀ + Q, equation (6). The AOI writes out the four entries, (7) to (12):
+#   x_cov[0] := (P[0] + dt_s * P[2]) + dt_s * (P[1] + dt_s * P[3]);    P00
+#   x_cov[1] := (P[1] + dt_s * P[3]);                                  P01
+#   x_cov[2] := (P[2] + dt_s * P[3]);                                  P10
+#   x_cov[3] := (P[3]);                                                P11
+#   x_cov[0] := x_cov[0] + q_x;   x_cov[3] := x_cov[3] + q_x_dot;
 F = np.array([[1.0, dt_s], [0.0, 1.0]])
-P = F @ P @ F.T + np.diag([q_x, q_x_dot])  #   x_cov[0] := (P[0] + dt_s * P[2]) + dt_s * (P[1] + dt_s * P[3]) + q_x; …
+P = F @ P @ F.T + np.diag([q_x, q_x_dot])
 
 # Innovation: what the measurement says that the prediction did not, and the variance to expect of it, (17).
 y_res = x - x_pred  #   y_res := x - x_pred;
@@ -34,19 +43,26 @@ S = P[0, 0] + r_x  #    S := x_cov[0] + r_x;
 
 # Gains: how much of the innovation to believe, (18). K1 is not zero although no velocity is measured: the
 # prediction has coupled position and velocity in P. A surprise in position is evidence about velocity.
+# (IF S > 0.0 THEN: where it is not, the text puts the prediction out and leaves K and P alone.)
 K0 = P[0, 0] / S  #   K0 := x_cov[0] / S;
 K1 = P[1, 0] / S  #   K1 := x_cov[2] / S;
 
 # Correct, (19) and (20); then the covariance of what is known now, (16).
 x_pred = x_pred + K0 * y_res  #           x_pred := x_pred + K0 * y_res;
 x_dot_pred = x_dot_pred + K1 * y_res  #   x_dot_pred := x_dot_pred + K1 * y_res;
+#   P[0] := (1.0 - K0) * x_cov[0];           P[1] := (1.0 - K0) * x_cov[1];
+#   P[2] := x_cov[2] - (K1 * x_cov[0]);      P[3] := x_cov[3] - (K1 * x_cov[1]);      P[2] := P[1];
 P = (np.eye(2) - np.array([[K0], [K1]]) @ np.array([[1.0, 0.0]])) @ P
 
 print("1. One scan by hand")
 print(f"   K0 = {K0:.10f}   K1 = {K1:.10f} 1/s   position {x_pred:.6f} u   velocity {x_dot_pred:.6f} u/s")
 
-# The same scan by the kernel, which follows the Structured Text statement by statement. A state goes in, a new one
-# comes out; nothing is hidden. The first scan starts the observer at the measurement 0, so this is the second.
+# Left out here: IF NOT EnableIn THEN init := 0; y := x; y_dot := 0.0; and for dt <= 0 the same outputs with the state
+# untouched; and the optional bleed, IF ABS(x - x_pred) < BleedThresh THEN x_dot_pred := x_dot_pred * BleedFactor;
+# `softplc/kernel/reference/aoi.py` has every statement in its place.
+
+# The same by the kernel, which follows the Structured Text statement by statement. A state goes in, a new one comes
+# out; nothing is hidden.
 tuning = {"q_x": q_x, "q_x_dot": q_x_dot, "r_x": r_x}
 after_start = AoiState(init=True, P=(1.0, 0.0, 0.0, 10.0))
 state, result = aoi_lreal(after_start, AoiInputs(True, 1.0, 50.0, **tuning))

@@ -86,6 +86,8 @@ def run_aoi(
     unknown = set(tracks) - set(AOI_TRACKS)
     if unknown:
         raise ValueError(f"unknown tracks {sorted(unknown)}, expected some of {', '.join(AOI_TRACKS)}")
+    if backend not in ("auto", "numpy", "compiled"):
+        raise ValueError(f"unknown backend {backend!r}, expected auto, numpy or compiled")
     samples, steps, enables = _shaped(state, x, dt, enable)
     if tuning.options is not None or not _compiles(backend, *samples.shape):
         return run(batch.step, state, tuning, x, dt, enable, tracks)

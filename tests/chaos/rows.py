@@ -1,8 +1,8 @@
 """The rows of the chaos suite: a fault, what is expected, and what was seen.
 
 A row raises AssertionError when the expectation does not hold, and returns the figures that it measured. In the
-short form it asserts states and orders of events, which hold on a machine of any speed; the long form also holds the
-times against their limits.
+short form it asserts states and orders of events, which a machine that is not overloaded keeps; the long form also
+holds the times against their limits.
 """
 
 import asyncio

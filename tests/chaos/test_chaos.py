@@ -9,7 +9,7 @@ from tests.chaos.claims import SHORT
 from tests.chaos.rig import Rig, our_rig, rig
 from tests.chaos.rows import ROWS, Row
 
-pytestmark = pytest.mark.asyncio(loop_scope="module")
+pytestmark = [pytest.mark.chaos, pytest.mark.asyncio(loop_scope="module")]
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import softplc.kernel
 
 ROOT = Path(__file__).parents[2]
@@ -40,3 +42,16 @@ def test_the_script_by_hand_and_the_kernel_agree_and_show_the_paper_s_experiment
 
 def _env() -> dict[str, str]:
     return {"PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "utf-8"}
+
+
+def test_what_does_not_fit_is_told_in_words():
+    bleed = {"BleedEnable": [False], "BleedThresh": [0.0], "BleedFactor": [1.0]}
+    with pytest.raises(ValueError, match="expected one q_x for each axis"):
+        softplc.kernel.AoiTuning("f8", q_x=0.01, q_x_dot=0.1, r_x=1.0, **bleed)
+    with pytest.raises(ValueError, match=r"expected one r_x for each axis as q_x has them, found \[2\]"):
+        softplc.kernel.AoiTuning("f8", q_x=[0.01], q_x_dot=[0.1], r_x=[1.0, 2.0], **bleed)
+    tuning = softplc.kernel.AoiTuning("f8", q_x=[0.01], q_x_dot=[0.1], r_x=[1.0], **bleed)
+    with pytest.raises(ValueError, match="unknown backend 'gpu'"):
+        softplc.kernel.run_aoi(tuning, x=[0.0], dt=50.0, backend="gpu")
+    with pytest.raises(ValueError, match="r_x and dt_s above 0"):
+        softplc.kernel.steady_gains(0.01, 0.1, 0.0, 0.05)

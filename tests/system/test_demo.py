@@ -121,12 +121,14 @@ def test_seconds_ends_by_itself_and_the_block_says_what_to_try_next():
     assert "Traceback" not in text
 
 
-@pytest.mark.parametrize("seconds", [0.4, 0.9, 1.6])
-def test_an_impatient_ctrl_c_while_it_starts_ends_with_exit_0_and_no_traceback(seconds):
+@pytest.mark.parametrize("seconds", [0.0, 0.3, 0.9])
+async def test_an_impatient_ctrl_c_while_it_starts_ends_with_exit_0_and_no_traceback(seconds):
     with Program("demo", "--headless", start_new_session=True) as program:
-        time.sleep(seconds)  # anywhere within the start; the claim holds for every moment of it
+        # Before that the interpreter is at its own start, where it may swallow a signal.
+        await eventually(lambda: "pydantic" in Path(f"/proc/{program.process.pid}/maps").read_text(), 60.0)
+        await asyncio.sleep(seconds)  # anywhere within the start; the claim holds for every moment of it
         for _ in range(2):
             program.interrupt()
-            time.sleep(0.1)
-        assert program.process.wait(30) == 0
+            await asyncio.sleep(0.1)
+        assert await asyncio.to_thread(program.process.wait, 30) == 0
     assert "Traceback" not in program.text()

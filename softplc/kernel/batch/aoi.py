@@ -71,7 +71,8 @@ class AoiTuning:
     """The tuning inputs of n function blocks as arrays[n] in the precision of the state; `options`: those in use.
 
     To change the tuning, write into an array: putting another in its place raises AttributeError, since others hold
-    the same memory. It is that of the rows of `numbers`: q_x, q_x_dot, r_x, BleedThresh, BleedFactor.
+    the same memory. It is that of the rows of `numbers`: q_x, q_x_dot, r_x, BleedThresh, BleedFactor. Raises
+    ValueError unless each is one number for each axis. Units: q_x u² and q_x_dot (u/s)² per scan, r_x u² per sample.
     """
 
     def __init__(
@@ -87,12 +88,18 @@ class AoiTuning:
         options: "AoiBatchOptions | None" = None,
     ) -> None:
         self.options = options
+        given = {"q_x": q_x, "q_x_dot": q_x_dot, "r_x": r_x, "BleedThresh": BleedThresh, "BleedFactor": BleedFactor}
         with np.errstate(all="ignore"):
-            rows = np.stack([np.array(one, dtype) for one in (q_x, q_x_dot, r_x, BleedThresh, BleedFactor)])
+            arrays = {name: np.array(one, dtype) for name, one in given.items()}
+        arrays["BleedEnable"] = np.array(BleedEnable, np.bool_)
+        for name, array in arrays.items():
+            if array.shape != arrays["q_x"].shape or array.ndim != 1:
+                raise ValueError(f"expected one {name} for each axis as q_x has them, found {list(array.shape)}")
+        rows = np.stack([arrays[name] for name in given])
         self.numbers: Numbers = aligned(rows.shape, dtype)
         self.numbers[:] = rows
         self.q_x, self.q_x_dot, self.r_x, self.BleedThresh, self.BleedFactor = self.numbers
-        self.BleedEnable: Flags = np.array(BleedEnable, np.bool_)
+        self.BleedEnable: Flags = arrays["BleedEnable"]
         self._parts = tuning_parts(self.numbers, self.BleedEnable)
 
     def __setattr__(self, name: str, value: object) -> None:
