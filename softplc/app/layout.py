@@ -92,6 +92,7 @@ def axis_spec(axis: Axis) -> AxisSpec:
         dt_source=axis.dt_source,
         on_repeat=axis.on_repeat,
         held_after=axis.held_after_ms / 1000.0,
+        reinit_after=axis.reinit_after_ms / 1000.0,
         skipped_time=axis.observer.skipped_time if isinstance(axis.observer, AoiConfig) else "accumulate",
         tuning_writable=axis.writable_tuning,
         consistency=axis.window,

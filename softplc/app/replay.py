@@ -8,7 +8,7 @@ from softplc.app.layout import Layout, build_layout
 from softplc.app.scan_process import build_tasks, start_tasks
 from softplc.clock import VirtualClock
 from softplc.config.models import Config
-from softplc.drivers.replay import ReplaySource, recording_seconds
+from softplc.drivers.replay import ReplaySource, recording_seconds, rows_seen
 from softplc.errors import UsageError
 from softplc.exchange import Writer, size
 from softplc.scan import CyclicTask
@@ -28,6 +28,20 @@ def replay(config: Config, output: TextIO) -> int:
         raise UsageError("replay needs a configuration whose axes are all in one task")
     seconds = max(recording_seconds(source) for source in recordings)
     return asyncio.run(_replay(config, seconds, output))
+
+
+def overlooked(config: Config) -> list[str]:
+    """One sentence for each recording whose rows come closer together than the scans. Raises LinkError."""
+    sentences = []
+    for source in config.sources:
+        if isinstance(source, ReplaySource):
+            seen, rows = rows_seen(source, config.task_of(config.axes[0]).period_ms / 1000.0)
+            if seen < rows:
+                sentences.append(
+                    f"{source.file}: {rows - seen} of {rows} rows came between two scans and were not seen; a shorter "
+                    "period_ms with dt_source: source and on_repeat: predict steps every one"
+                )
+    return sentences
 
 
 async def _replay(config: Config, seconds: float, output: TextIO) -> int:

@@ -93,6 +93,7 @@ def browse(url: str, contains: str, *, yaml: bool, user: str | None, as_json: bo
 def replay(path: Path, output: Path | None) -> int:
     """Replay recordings; see `softplc replay --help`."""
     from softplc.app.logs import configure_logs  # noqa: PLC0415
+    from softplc.app.replay import overlooked  # noqa: PLC0415
     from softplc.app.replay import replay as run_replay  # noqa: PLC0415
     from softplc.config.load import load  # noqa: PLC0415
 
@@ -108,6 +109,8 @@ def replay(path: Path, output: Path | None) -> int:
         with file:
             scans = run_replay(config, file)
     messages.print(f"{scans} scans replayed")
+    for sentence in overlooked(config):
+        messages.print(sentence)
     return 0
 
 

@@ -191,6 +191,8 @@ class Axis(Model):
     """When no new sample came: take the held value as a measurement, or predict only and publish the prediction."""
     held_after_ms: Annotated[float, Field(ge=0, le=3_600_000)] = 1000.0
     """predict: a value unchanged for so long on a live link is held, and counts as a measurement, ms."""
+    reinit_after_ms: Annotated[float, Field(ge=1, le=3_600_000)] = 1000.0
+    """A gap longer than this, beside the period, starts the observer anew; a shorter one is one long step, ms."""
     contact: SourceTag | None = None
     """A Boolean tag, a limit switch or a force, that is not 0 while the axis touches its stop; for ducekf."""
     writable_tuning: bool = False

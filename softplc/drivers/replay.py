@@ -123,6 +123,15 @@ def recording_seconds(source: ReplaySource) -> float:
     return float(times[-1] - times[0])
 
 
+def rows_seen(source: ReplaySource, period: float) -> tuple[int, int]:
+    """How many rows of a recording a task of this period in seconds comes to see, and how many there are."""
+    times = read_columns(Path(source.file), [source.time_column])[:, 0]
+    times = times - times[0]
+    scans = np.arange(round(times[-1] / period) + 1) * period
+    seen = np.unique(np.searchsorted(times, scans + 1e-9, side="right"))
+    return len(seen), len(times)
+
+
 def _parse(path: Path, lines: Iterable[str], columns: Sequence[str]) -> NDArray[np.float64]:
     rows = csv.reader(line for line in lines if not line.startswith("#"))
     header = next(rows, [])

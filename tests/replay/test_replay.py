@@ -116,6 +116,14 @@ def test_the_command_writes_the_rows_to_stdout(tmp_path):
     assert lines[0].startswith("t,dt,X.Position,X.Velocity")
     assert len(lines) == 22
     assert "21 scans" in done.stderr
+    assert "not seen" not in done.stderr
+
+
+def test_rows_between_two_scans_are_told(tmp_path):
+    write(tmp_path / "r.csv", [(k * 0.02, float(k)) for k in range(51)])
+    done = _command(tmp_path)
+    assert done.returncode == 0
+    assert "30 of 51 rows came between two scans" in " ".join(done.stderr.split())
 
 
 def _command(folder):
