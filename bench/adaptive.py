@@ -1,8 +1,8 @@
 """How much of what knowing the manoeuvres is worth the adaptive observer recovers, and what it costs elsewhere.
 
-    python bench/adaptive.py [--seeds 40] [--part goal|one-tuning|noise|timing|all]
+    python bench/adaptive.py [--seeds 40] [--part goal|random-sines|one-tuning|noise|periods|timing|all]
 
-Each track has 1200 scans at 50 ms. Three observers see the same noise:
+Each track has 1200 scans at 50 ms unless a row says otherwise. Three observers see the same noise:
 
 fixed     the AOI with the best q_x and q_x_dot for this very track, found on realisation 0 over a grid
 told      the same AOI, told in which scans the velocity changes: one q_x_dot there, another elsewhere, both the best
@@ -75,10 +75,22 @@ CHANGING = (
         40.0,
     ),
 )
-SINES = (
-    Track("sine, ±50 u, 10 s", Sine(type="sine", amplitude=50.0, period_s=10.0), *FAST),
-    Track("sine, ±10 u, 4 s", Sine(type="sine", amplitude=10.0, period_s=4.0), *FAST),
-    Track("sine, ±50 u, 30 s", Sine(type="sine", amplitude=50.0, period_s=30.0), *SLOW),
+
+
+def sine(amplitude: float, period: float, machine: tuple[float, float] | None = None) -> Track:
+    """A sine by a machine of that speed and acceleration, or by one that can just do it."""
+    motion, *own = _sine(amplitude, period)
+    speed, acceleration = machine or own
+    name = f"±{amplitude:.0f} u, {period:.0f} s; {speed:.3g}/{acceleration:.3g}"
+    return Track(name, motion, speed, acceleration)
+
+
+SINES = (sine(50.0, 10.0, FAST), sine(10.0, 4.0, FAST), sine(50.0, 30.0, SLOW))
+OWN_SINES = tuple(sine(*one) for one in ((50.0, 10.0), (10.0, 4.0), (50.0, 30.0), (30.0, 15.0), (20.0, 20.0)))
+SLOW_SINES = tuple(sine(*one, FAST) for one in ((50.0, 30.0), (30.0, 15.0), (20.0, 20.0)))  # by a fast machine
+HARD_SINES = (
+    *(sine(3.0, 10.0), sine(3.0, 10.0, SLOW), sine(3.0, 10.0, FAST)),  # hardly more than the noise
+    sine(10.0, 4.0, SLOW),  # accelerates 2.5 times as hard as the machine is said to
 )
 
 
@@ -220,13 +232,14 @@ class Row:
 
 @dataclass(frozen=True)
 class Case:
-    """What differs from U(−2, 2) at 50 ms. `r_x` goes to the adaptive observer; the AOI is tuned for the case."""
+    """What differs from U(−2, 2) and 50 ms. `r_x` goes to the adaptive observer; the AOI is tuned for the case."""
 
     name: str
     noise: Noise = uniform
     step: float = 0.0
     r_x: float = VARIANCE
     jitter: float = 0.0
+    period: float = PERIOD
 
 
 USUAL = Case("U(−2, 2)")
@@ -244,7 +257,8 @@ CASES = (
 
 def row(track: Track, seeds: int, case: Case = USUAL) -> Row:
     """Tuned on realisation 0, scored on 1 … seeds."""
-    dt = PERIOD * (1.0 + case.jitter * np.random.default_rng(99).uniform(-1.0, 1.0, SCANS))
+    scans = round(SCANS * PERIOD / case.period)
+    dt = case.period * (1.0 + case.jitter * np.random.default_rng(99).uniform(-1.0, 1.0, scans))
     truth = track.truth(np.cumsum(dt) - dt[0])
     first = measured(truth[0], case.noise, [0], case.step)[:, 0]
     z = measured(truth[0], case.noise, range(1, seeds + 1), case.step)
@@ -270,14 +284,33 @@ def goal(seeds: int) -> None:
             f"{_percent(one.recovered(one.machine))}{_pair(one.tuned)}{_percent(one.recovered(one.tuned))}",
             flush=True,
         )
-    print(f"\n{'steady sine':40}{'fixed':>14}{'':14}{'adaptive':>14}{'loss':>14}{'tuned':>14}{'loss':>14}")
-    for track in SINES:
+    print(f"\n{'steady sine; top speed / acceleration':40}{'fixed':>14}", end="")
+    print(f"{'':14}{'adaptive':>14}{'loss':>14}{'tuned':>14}{'loss':>14}")
+    for track in (*SINES, *OWN_SINES, *SLOW_SINES, *HARD_SINES):
         one = row(track, seeds)
         print(
             f"{track.name:40}{_pair(one.fixed)}{'':14}{_pair(one.machine)}{_percent(_loss(one, one.machine))}"
             f"{_pair(one.tuned)}{_percent(_loss(one, one.tuned))}",
             flush=True,
         )
+
+
+def random_sines(seeds: int) -> None:
+    """Thirty that nothing was tuned on: ±3 … 160 u, 3 … 40 s; every third by a machine that can just do it."""
+    random = np.random.default_rng(4711)
+    print(f"{'':40}{'fixed':>14}{'adaptive':>14}{'loss':>14}   the machine's speed and acceleration, of the sine's")
+    for i in range(30):
+        amplitude, period = (float(value) for value in 10 ** random.uniform((0.5, 0.5), (2.2, 1.6)))
+        _, speed, acceleration = _sine(amplitude, period)
+        more = 10 ** random.uniform((0.0, 0.0), (0.6, 1.6)) if i % 3 else np.ones(2)
+        track = sine(amplitude, period, (speed * more[0], acceleration * more[1]))
+        truth = track.truth()
+        q = tune_fixed(measured(truth[0], uniform, [0])[:, 0], truth)
+        z = measured(truth[0], uniform, range(1, seeds + 1))
+        fixed = pooled(run_aoi(z, np.array(q[0]), np.array(q[1])), truth)
+        ours = pooled(run_adaptive(z, track.speed, track.acceleration), truth)
+        share = _percent((ours[0] / fixed[0] - 1.0, ours[1] / fixed[1] - 1.0))
+        print(f"{track.name:40}{_pair(fixed)}{_pair(ours)}{share}   × {more[0]:.1f}, × {more[1]:.1f}", flush=True)
 
 
 def noises(seeds: int) -> None:
@@ -289,6 +322,21 @@ def noises(seeds: int) -> None:
             one = row(track, seeds, case)
             share = _percent(one.recovered(one.machine)) if track in CHANGING else "".rjust(14)
             print(f"  {case.name:38}{_pair(one.fixed)}{_pair(one.told)}{_pair(one.machine)}{share}", flush=True)
+
+
+def periods(seeds: int) -> None:
+    """The same minute and the same noise at other periods; at most ten realisations, for they are long."""
+    print(f"{'':40}{'fixed':>14}{'told':>14}{'adaptive':>14}{'recovered':>14}{'loss':>14}")
+    for period in (0.01, 0.02, 0.2):
+        print(f"{1000 * period:.0f} ms")
+        for track in (CHANGING[0], CHANGING[2], CHANGING[4], SINES[0], OWN_SINES[3], SLOW_SINES[1]):
+            one = row(track, min(seeds, 10), Case("", period=period))
+            share = _percent(one.recovered(one.machine)) if track in CHANGING else "".rjust(14)
+            print(
+                f"  {track.name:38}{_pair(one.fixed)}{_pair(one.told)}{_pair(one.machine)}{share}"
+                f"{_percent(_loss(one, one.machine))}",
+                flush=True,
+            )
 
 
 def one_tuning(seeds: int) -> None:
@@ -355,7 +403,14 @@ def main() -> None:
             print(f"({time.perf_counter() - start:.0f} s)\n")
 
 
-PARTS: dict[str, Callable[[int], None]] = {"goal": goal, "one-tuning": one_tuning, "noise": noises, "timing": timing}
+PARTS: dict[str, Callable[[int], None]] = {
+    "goal": goal,
+    "random-sines": random_sines,
+    "one-tuning": one_tuning,
+    "noise": noises,
+    "periods": periods,
+    "timing": timing,
+}
 
 if __name__ == "__main__":
     main()

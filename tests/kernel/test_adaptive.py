@@ -164,14 +164,20 @@ def test_hypotheses_predict_update_and_mix_as_the_textbook_s_matrices_do():
 
 
 def textbook(before: AdaptiveState, scan: AdaptiveInputs) -> list[float]:
-    """One scan in matrices: Markov chain, mixed births, Kalman filters, the eight most probable, their mean."""
+    """One scan in matrices: Markov chain, mixed births, Kalman filters, swings and the eight most probable, mean."""
     dt, R, V, A = scan.dt, scan.r_x, scan.top_speed, scan.top_acceleration
     tau = V / A
     u, g, J = dt / (reference.CHANGE * tau), dt / (reference.DWELL * tau), reference.JUMP
-    rates = np.array([[0, J * u, u, 0], [J * u, J * u, u, 0], [0, 0, 0, 0]])  # to rest, speed, push, cruise
-    rates[0] = [0, J * u, u, 0]
-    rates[1] = [J * u, J * u, u, 0]
-    rates[2] = g * np.array([reference.TO_REST, 0, reference.TO_OTHER, reference.TO_CRUISE])
+    begin, end = dt / tau * reference.SWING_BEGINS, dt / tau * reference.SWING_ENDS
+    leave = g * np.array([reference.TO_REST, 0, reference.TO_OTHER, reference.TO_CRUISE])
+    rates = np.array(  # to rest, another speed, acceleration, constant speed, swing
+        [
+            [0, J * u, u, 0, begin],
+            [J * u, J * u, u, 0, begin],
+            [*leave, begin],
+            [end / 4, end / 4, end / 4, end / 4, 0],
+        ]
+    )
     on = 1 / (1 + rates.sum(axis=1))
     old = before.hypotheses
     mode = np.array([one.mode for one in old])
@@ -179,7 +185,10 @@ def textbook(before: AdaptiveState, scan: AdaptiveInputs) -> list[float]:
     m = np.array([[one.x, one.v, one.a] for one in old])
     P = np.array([as_matrix(one) for one in old])
 
-    modes, weights, means, covariances = list(mode), list(w * on[mode]), list(m), list(P)
+    swings = reference.SWINGS
+    after_change = w * on[mode]
+    after_change[:swings] += (w * on[mode] * rates[mode, 4]).sum() / swings
+    modes, weights, means, covariances = list(mode), list(after_change), list(m), list(P)
     priors = [(0, 0, 0), (1, V * V, 0), (2, None, A * A), (1, None, 0)]
     for birth, (kind, speed, push) in enumerate(priors):
         share = w * on[mode] * rates[mode, birth]
@@ -199,19 +208,20 @@ def textbook(before: AdaptiveState, scan: AdaptiveInputs) -> list[float]:
         covariances.append(P_mixed)
 
     F = np.array([[1, dt, dt * dt / 2], [0, 1, dt], [0, 0, 1]])
-    integrals = {0: np.array([1.0, 0, 0]), 1: np.array([dt, 1.0, 0]), 2: np.array([dt * dt / 2, dt, 1.0])}
     density = {
         0: reference.CREEP * R / tau,
         1: reference.SWAY * A * A * tau,
         2: reference.JERK * A * A / tau,
     }
+    drifts = [drift * A * A / tau for drift in reference.SWING_JERK]
+    drifts += [density[kind] for kind in modes[swings:]]
     kept = []
-    for kind, weight, mean, covariance in zip(modes, weights, means, covariances, strict=True):
+    for kind, drift, weight, mean, covariance in zip(modes, drifts, weights, means, covariances, strict=True):
         nodes, gauss = np.polynomial.legendre.leggauss(4)  # exact for the polynomials of white noise
         Q = np.zeros((3, 3))
         for node, share in zip((nodes + 1) / 2 * dt, gauss / 2 * dt, strict=True):
-            column = integrals[kind] * 0 + {0: [1, 0, 0], 1: [node, 1, 0], 2: [node * node / 2, node, 1]}[kind]
-            Q += share * density[kind] * np.outer(column, column)
+            column = {0: [1, 0, 0], 1: [node, 1, 0]}.get(kind, [node * node / 2, node, 1])
+            Q += share * drift * np.outer(column, column)
         ahead, P_ahead = F @ mean, F @ covariance @ F.T + Q
         nu, S = scan.x - ahead[0], P_ahead[0, 0] + R
         like = (1 + nu * nu / S / 64) ** -32 / np.sqrt(S)
@@ -220,8 +230,8 @@ def textbook(before: AdaptiveState, scan: AdaptiveInputs) -> list[float]:
         kept.append((weight * like, kind, ahead + K * nu, after, weight, ahead[0], S))
     expected_x = sum(one[4] * one[5] for one in kept)
     expected_S = sum(one[4] * (one[6] + (one[5] - expected_x) ** 2) for one in kept)
-    kept.sort(key=lambda one: -one[0])
-    kept = kept[: reference.HYPOTHESES]
+    others = sorted(kept[swings:], key=lambda one: -one[0])
+    kept = kept[:swings] + others[: reference.HYPOTHESES]
     w = np.array([one[0] for one in kept])
     w = w / w.sum()
     m = np.array([one[2] for one in kept])
@@ -284,11 +294,47 @@ def test_a_sample_of_0_far_from_the_axis_is_left_out_even_when_nothing_manoeuvre
     """A birth without a parent has no state, so nothing may be near to it."""
     one = reference.Hypothesis(reference.HOLD, np.float64(1.0), np.float64(5000.0), P00=np.float64(0.1))
     spare = reference.Hypothesis(reference.HOLD, np.float64(0.0), np.float64(5000.0), P00=np.float64(0.1))
-    state = AdaptiveState(init=True, hypotheses=(one, *[spare] * (reference.HYPOTHESES - 1)))
+    state = AdaptiveState(
+        init=True, hypotheses=(*[spare] * reference.SWINGS, one, *[spare] * (reference.HYPOTHESES - 1))
+    )
 
     after, result = adaptive(state, AdaptiveInputs(True, 0.0, 0.05, 4 / 3, 40.0, 80.0))
 
     assert (result, after.y) == (Result.REJECTED, 5000.0)
+
+
+def test_a_gentle_swing_that_lags_behind_opens_no_gate():
+    """A swing may be far from an axis that has jumped; a sample at its place is as wild as any other."""
+    near = {"x": np.float64(5000.0), "P00": np.float64(0.1)}
+    hold = reference.Hypothesis(reference.HOLD, np.float64(0.9), **near)
+    push = reference.Hypothesis(reference.MANOEUVRE, np.float64(0.1), **near)
+    swing = reference.Hypothesis(reference.SWING, np.float64(1e-9), np.float64(4000.0), P00=np.float64(0.1))
+    spare = reference.Hypothesis(reference.HOLD, np.float64(0.0), **near)
+    others = (hold, push, *[spare] * (reference.HYPOTHESES - 2))
+    state = AdaptiveState(init=True, hypotheses=(*[swing] * reference.SWINGS, *others))
+
+    after, result = adaptive(state, AdaptiveInputs(True, 4000.0, 0.05, 4 / 3, 40.0, 80.0))
+
+    assert result is Result.REJECTED
+    assert after.y == pytest.approx(5000.0, abs=1e-4)  # 4e-9 of probability, 1000 u away
+
+
+def test_a_motion_that_never_rests_is_found_to_swing_and_its_stop_is_seen():
+    """±30 u in 15 s for two periods by a machine that can just do it, then rest; noise U(−2, 2)."""
+    omega, random = 2 * np.pi / 15.0, np.random.default_rng(8)
+    t = np.arange(900) * 0.05
+    truth = 30.0 * np.sin(omega * np.minimum(t, 30.0 + 3.75))  # it stops at the end of its way
+    swings, holds, velocities = [], [], []
+    state = AdaptiveState()
+    for z in truth + random.uniform(-2.0, 2.0, len(t)):
+        state, _ = adaptive(state, AdaptiveInputs(True, z, 0.05, 4 / 3, 30 * omega, 30 * omega * omega))
+        swings.append(sum(one.w for one in state.hypotheses[: reference.SWINGS]))
+        holds.append(state.hold)
+        velocities.append(state.y_dot)
+
+    assert np.mean(swings[100:600]) > 0.9
+    assert np.mean(holds[800:]) > 0.5
+    assert np.sqrt(np.mean(np.square(velocities[800:]))) < 0.5  # u/s, of 12.6 at full speed
 
 
 def test_what_is_no_number_never_starts_the_observer_anew():

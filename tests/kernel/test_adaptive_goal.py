@@ -13,6 +13,13 @@ SEEDS = range(1, 13)
 RAMP_HOLD = (10.0, 7197.0, 1e-6)  # q_x_dot: fixed; told: in scans of change, in the others; q_x is 0
 TRAPEZOID = (12.59, 71.97, 1e-6)
 BEST_FOR_SINES = (6.31, 10.0, 0.1995)
+BEST_FOR_OWN_SINES = (6.31, 10.0, 0.1995, 0.794, 0.1585)
+BEST_FOR_SLOW_SINES = (0.1995, 0.794, 0.1585)
+STEADY = [
+    *zip(bench.SINES, BEST_FOR_SINES, strict=True),
+    *zip(bench.OWN_SINES, BEST_FOR_OWN_SINES, strict=True),
+    *zip(bench.SLOW_SINES, BEST_FOR_SLOW_SINES, strict=True),
+]
 
 
 def scores(track: bench.Track, q_x_dot: float, changing: float = 0.0, quiet: float = 0.0) -> list[bench.Score]:
@@ -46,7 +53,7 @@ def test_on_a_trapezoid_it_recovers_half_of_it():
     assert adaptive[1] < 0.55 * fixed[1] + 0.45 * told[1]
 
 
-@pytest.mark.parametrize(("track", "q_x_dot"), list(zip(bench.SINES, BEST_FOR_SINES, strict=True)))
+@pytest.mark.parametrize(("track", "q_x_dot"), STEADY, ids=lambda one: getattr(one, "name", ""))
 def test_on_a_steady_sine_it_loses_at_most_5_percent_against_the_best_fixed_tuning(
     track: bench.Track, q_x_dot: float
 ):

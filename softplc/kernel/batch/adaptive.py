@@ -25,10 +25,19 @@ from softplc.kernel.batch.adaptive_hypotheses import (
     noise,
     predict,
     rates,
-    sum8,
+    sum12,
     weigh,
 )
-from softplc.kernel.reference.adaptive_hypothesis import CRUISE, HOLD, HYPOTHESES, MANOEUVRE, REJECTIONS
+from softplc.kernel.reference.adaptive_hypothesis import (
+    CRUISE,
+    HOLD,
+    HYPOTHESES,
+    KEPT,
+    MANOEUVRE,
+    REJECTIONS,
+    SWING,
+    SWINGS,
+)
 from softplc.kernel.result import Result
 
 __all__ = ["AdaptiveBatchState", "AdaptiveTuning", "step"]
@@ -37,15 +46,16 @@ __all__ = ["AdaptiveBatchState", "AdaptiveTuning", "step"]
 class AdaptiveBatchState:
     """What n axes keep between scans: outputs and variances as arrays[n], named as in the reference; zero at first.
 
-    `modes` int8[8, n] and `hypotheses` float64[10, 8, n] (w, x, v, a, P00 … P22) in order of probability.
+    `modes` int8[12, n] and `hypotheses` float64[10, 12, n] (w, x, v, a, P00 … P22): the four swings, then the others
+    in order of probability.
     """
 
     def __init__(self, n: int, dtype: DTypeLike = np.float64) -> None:
         self.dtype = np.dtype(dtype)
         self.init: Flags = np.zeros(n, np.bool_)
         self.rejections: NDArray[np.int8] = np.zeros(n, np.int8)
-        self.modes: NDArray[np.int8] = np.zeros((HYPOTHESES, n), np.int8)
-        self.hypotheses: Numbers = np.zeros((10, HYPOTHESES, n), self.dtype)
+        self.modes: NDArray[np.int8] = np.zeros((KEPT, n), np.int8)
+        self.hypotheses: Numbers = np.zeros((10, KEPT, n), self.dtype)
         self._outputs: Numbers = np.zeros((len(OUTPUTS), n), self.dtype)
         self.y, self.y_dot, self.y_ddot, self.y_res, self.S, self.K0, self.K1 = self._outputs[:7]
         self.P00, self.P01, self.P11, self.hold, self.cruise, self.manoeuvre = self._outputs[7:]
@@ -124,13 +134,14 @@ def step(
 
 
 def _update(state: AdaptiveBatchState, scratch: Scratch, rows: Flags) -> None:
-    """Keep the eight most probable, update them with the sample, and commit these rows."""
-    order = np.argsort(-scratch.every[AT_WEIGHT], axis=0, kind="stable")[:HYPOTHESES]
-    index = order * len(scratch.axes) + scratch.axes
+    """Keep the swings and the eight most probable others, update them with the sample, and commit these rows."""
+    ranked = np.argsort(-scratch.every[AT_WEIGHT, SWINGS:], axis=0, kind="stable")[:HYPOTHESES]
+    scratch.order[SWINGS:] = SWINGS + ranked
+    index = scratch.order * len(scratch.axes) + scratch.axes
     kept = scratch.every.reshape(13, -1)[:, index]
     modes = scratch.modes.ravel()[index]
     _, x, v, a, P00, P01, P02, P11, P12, P22, nu, S, weight = kept
-    np.divide(weight, sum8(weight), out=kept[AT_W])
+    np.divide(weight, sum12(weight), out=kept[AT_W])
     K0, K1, K2 = P00 / S, P01 / S, P02 / S
     rest = 1.0 - K0
     x += K0 * nu
@@ -148,27 +159,29 @@ def _update(state: AdaptiveBatchState, scratch: Scratch, rows: Flags) -> None:
 
 
 def _carry_on(state: AdaptiveBatchState, scratch: Scratch, rows: Flags) -> None:
-    """The sample did not enter: the prediction of the eight, their probabilities as they were."""
-    kept = scratch.every[:10, :HYPOTHESES].copy()
+    """The sample did not enter: the prediction of the twelve, their probabilities as they were."""
+    kept = scratch.every[:10, :KEPT].copy()
     kept[AT_W] = state.hypotheses[AT_W]
     nothing = np.zeros_like(kept[AT_W])
     count = np.minimum(state.rejections + 1, REJECTIONS)
-    _commit(state, scratch, kept, scratch.modes[:HYPOTHESES], (nothing, nothing), rows)
+    _commit(state, scratch, kept, scratch.modes[:KEPT], (nothing, nothing), rows)
     state.rejections[rows] = count[rows]
 
 
 def _start(state: AdaptiveBatchState, tuning: AdaptiveTuning, z: Numbers, rows: Flags) -> None:
-    """At the measurement, at rest or not: three hypotheses, none preferred."""
+    """At the measurement, at rest or not: four modes, none preferred."""
     R, speed, acceleration = tuning.r_x[rows], tuning.top_speed[rows], tuning.top_acceleration[rows]
-    first = np.zeros((10, HYPOTHESES, len(R)), state.dtype)
-    first[AT_W, :3] = 1.0 / 3.0
+    hold, cruise, manoeuvre = range(SWINGS, SWINGS + 3)
+    moving = (*range(SWINGS), manoeuvre)
+    first = np.zeros((10, KEPT, len(R)), state.dtype)
+    first[AT_W, :SWINGS] = 0.25 * 0.25
+    first[AT_W, hold : manoeuvre + 1] = 0.25
     first[AT_X] = z[rows]
     first[AT_P00] = R
-    first[AT_P11, 1] = speed * speed
-    first[AT_P11, 2] = first[AT_P11, 1]
-    first[AT_P22, 2] = acceleration * acceleration
-    modes = np.zeros((HYPOTHESES, len(R)), np.int8)
-    modes[1], modes[2] = CRUISE, MANOEUVRE
+    first[AT_P11, (*moving, cruise)] = speed * speed
+    first[AT_P22, moving] = acceleration * acceleration
+    modes = np.zeros((KEPT, len(R)), np.int8)
+    modes[:SWINGS], modes[cruise], modes[manoeuvre] = SWING, CRUISE, MANOEUVRE
     outputs = np.zeros((len(OUTPUTS), len(R)), state.dtype)
     _estimate(outputs, first, modes, None)
     outputs[OUTPUTS.index("S")] = R
@@ -204,17 +217,17 @@ def _commit(
 def _estimate(
     outputs: Numbers, kept: Numbers, modes: NDArray[np.int8], gains: tuple[Numbers, Numbers] | None
 ) -> None:
-    """Means over the eight, into the rows of `outputs`; y_res and S stay as they are."""
+    """Means over the twelve, into the rows of `outputs`; y_res and S stay as they are."""
     w, x, v, a, P00, P01, _, P11, _, _ = kept
     y, y_dot, y_ddot, _, _, K0, K1, out_P00, out_P01, out_P11, hold, cruise, manoeuvre = outputs
-    y[:] = sum8(w * x)
-    y_dot[:] = sum8(w * v)
-    y_ddot[:] = sum8(w * a)
+    y[:] = sum12(w * x)
+    y_dot[:] = sum12(w * v)
+    y_ddot[:] = sum12(w * a)
     dx, dv = x - y, v - y_dot
-    out_P00[:] = sum8(w * (P00 + dx * dx))
-    out_P01[:] = sum8(w * (P01 + dx * dv))
-    out_P11[:] = sum8(w * (P11 + dv * dv))
-    K0[:] = sum8(w * gains[0]) if gains else 0.0
-    K1[:] = sum8(w * gains[1]) if gains else 0.0
-    for mode, out in ((HOLD, hold), (CRUISE, cruise), (MANOEUVRE, manoeuvre)):
-        out[:] = sum8(np.where(modes == mode, w, 0.0))
+    out_P00[:] = sum12(w * (P00 + dx * dx))
+    out_P01[:] = sum12(w * (P01 + dx * dv))
+    out_P11[:] = sum12(w * (P11 + dv * dv))
+    K0[:] = sum12(w * gains[0]) if gains else 0.0
+    K1[:] = sum12(w * gains[1]) if gains else 0.0
+    for mode, out in ((modes == HOLD, hold), (modes == CRUISE, cruise), (modes >= MANOEUVRE, manoeuvre)):
+        out[:] = sum12(np.where(mode, w, 0.0))

@@ -1,8 +1,10 @@
-"""The adaptive observer: eight hypotheses of how the axis moves, each a Kalman filter, weighed by the measurements.
+"""The adaptive observer: twelve hypotheses of how the axis moves, each a Kalman filter, weighed by the measurements.
 
-An axis holds, cruises, or manoeuvres (accelerates). In each scan every hypothesis goes on in its mode; four more are
-born that say the motion has just changed; all twelve predict, and the eight that the measurement makes most probable
-are kept. The outputs are the mean over those. Equations:
+An axis holds, cruises, manoeuvres (accelerates for a while), or swings (is always in motion). Four swings, from
+lively to gentle, follow the axis all the time; only their probabilities come and go. Of the other modes there are
+eight hypotheses. In each scan every hypothesis goes on in its mode; four more are born that say the motion has just
+changed; all sixteen predict, and beside the swings the eight that the measurement makes most probable are kept. The
+outputs are the mean over the twelve. Equations:
 [BB] H. Blom, Y. Bar-Shalom, "The interacting multiple model algorithm for systems with Markovian switching
 coefficients", IEEE Trans. Automatic Control 33 (1988), whose mixing makes the births;
 [TH] J. Tugnait, A. Haddad, "A detection-estimation scheme for state estimation in switching environments",
@@ -44,8 +46,13 @@ from softplc.kernel.reference.adaptive_hypothesis import (
     HOLD,
     HYPOTHESES,
     JUMP,
+    KEPT,
     MANOEUVRE,
     REJECTIONS,
+    SWING,
+    SWING_BEGINS,
+    SWING_ENDS,
+    SWINGS,
     TO_CRUISE,
     TO_OTHER,
     TO_REST,
@@ -53,8 +60,8 @@ from softplc.kernel.reference.adaptive_hypothesis import (
     mixed,
     noise,
     predicted,
-    sum8,
     sum12,
+    sum16,
     updated,
 )
 from softplc.kernel.result import Result
@@ -62,10 +69,10 @@ from softplc.kernel.result import Result
 
 @dataclass(slots=True)
 class AdaptiveState:
-    """What is kept between scans, all zero before the first; hypotheses in order of probability."""
+    """What is kept between scans, all zero before the first; the swings, then the others in order of probability."""
 
     init: bool = False
-    hypotheses: tuple[Hypothesis, ...] = field(default_factory=lambda: (Hypothesis(),) * HYPOTHESES)
+    hypotheses: tuple[Hypothesis, ...] = field(default_factory=lambda: (Hypothesis(),) * KEPT)
     rejections: int = 0
     y: float = 0.0
     y_dot: float = 0.0
@@ -117,18 +124,29 @@ def _adaptive(state: AdaptiveState, inputs: AdaptiveInputs) -> tuple[AdaptiveSta
     tau = V / A
     u = dt / (CHANGE * tau)
     g = dt / (DWELL * tau)
+    begin = SWING_BEGINS * dt / tau
+    end = SWING_ENDS * dt / tau
     ju = JUMP * u
-    on = (1.0 / (1.0 + (ju + u)), 1.0 / (1.0 + ((ju + ju) + u)), 1.0 / (1.0 + g))
+    on = (
+        1.0 / (1.0 + ((ju + u) + begin)),
+        1.0 / (1.0 + (((ju + ju) + u) + begin)),
+        1.0 / (1.0 + (g + begin)),
+        1.0 / (1.0 + end),
+    )
     leave = g * on[MANOEUVRE]
+    quarter = (0.25 * end) * on[SWING]
     none = real(0.0)
-    to_rest = (none, ju * on[CRUISE], TO_REST * leave)
-    to_speed = (ju * on[HOLD], ju * on[CRUISE], none)
-    to_push = (u * on[HOLD], u * on[CRUISE], TO_OTHER * leave)
-    to_cruise = (none, none, TO_CRUISE * leave)
+    to_rest = (none, ju * on[CRUISE], TO_REST * leave, quarter)
+    to_speed = (ju * on[HOLD], ju * on[CRUISE], none, quarter)
+    to_push = (u * on[HOLD], u * on[CRUISE], TO_OTHER * leave, quarter)
+    to_cruise = (none, none, TO_CRUISE * leave, quarter)
+    to_swing = (begin * on[HOLD], begin * on[CRUISE], begin * on[MANOEUVRE], none)
 
     # Those that go on, and those that are born of all of them, mixed [BB].
     old = state.hypotheses
     every = [replace(one, w=one.w * on[one.mode]) for one in old]
+    inflow = 0.25 * sum12([one.w * to_swing[one.mode] for one in old])
+    every[:SWINGS] = [replace(one, w=one.w + inflow) for one in every[:SWINGS]]
     rest = mixed(old, to_rest)
     every.append(Hypothesis(HOLD, rest.w, rest.x, none, none, rest.P00))
     jump = mixed(old, to_speed)
@@ -137,40 +155,43 @@ def _adaptive(state: AdaptiveState, inputs: AdaptiveInputs) -> tuple[AdaptiveSta
     every.append(replace(push, mode=MANOEUVRE, P22=A * A))
     every.append(replace(mixed(old, to_cruise), mode=CRUISE))
 
-    # Predict each of the twelve.
+    # Predict each of the sixteen.
     Q = noise(dt, tau, R, A)
-    ahead = [predicted(one, dt, Q[one.mode]) for one in every]
+    number = [*range(SWING, SWING + SWINGS), *(one.mode for one in every[SWINGS:])]
+    ahead = [predicted(one, dt, Q[q]) for one, q in zip(every, number, strict=True)]
     nu = [z - one.x for one in ahead]
     S = [one.P00 + R for one in ahead]
     never = real(np.inf)  # as far as what has no probability is away
     distance = [n * n / s if one.w > 0.0 else never for one, n, s in zip(ahead, nu, S, strict=True)]
     nearest = np.min(distance)
+    ordinary = np.min(distance[SWINGS:])  # a gentle swing may be anywhere
 
     # What was expected of this sample, over all of them.
-    w12 = [one.w for one in ahead]
-    x12 = sum12([w * one.x for w, one in zip(w12, ahead, strict=True)])
-    spread = [(one.x - x12, s) for one, s in zip(ahead, S, strict=True)]
-    S12 = sum12([w * (s + d * d) for w, (d, s) in zip(w12, spread, strict=True)])
-    expected = {"y_res": z - x12, "S": S12}
+    w16 = [one.w for one in ahead]
+    x16 = sum16([w * one.x for w, one in zip(w16, ahead, strict=True)])
+    spread = [(one.x - x16, s) for one, s in zip(ahead, S, strict=True)]
+    S16 = sum16([w * (s + d * d) for w, (d, s) in zip(w16, spread, strict=True)])
+    expected = {"y_res": z - x16, "S": S16}
 
-    if not nearest <= gate * gate:
+    if not ordinary <= gate * gate:
         if state.rejections >= REJECTIONS and np.isfinite(z):
             return _start(z, R, V, A), Result.INITIALISED
         kept = [replace(one, w=before.w) for one, before in zip(ahead, old, strict=False)]
-        after = _estimate(kept, [none] * HYPOTHESES, [none] * HYPOTHESES)
+        after = _estimate(kept, [none] * KEPT, [none] * KEPT)
         count = min(state.rejections + 1, REJECTIONS)
         return replace(after, rejections=count, **expected), Result.REJECTED
 
-    # Weigh, keep the eight most probable [TH], update them.
+    # Weigh, keep the swings and the eight most probable of the others [TH], update them.
     best = 1.0 + nearest / 64.0
     weights = []
-    for w, d, s in zip(w12, distance, S, strict=True):
+    for w, d, s in zip(w16, distance, S, strict=True):
         like = best / (1.0 + d / 64.0)
         for _ in range(5):
             like = like * like  # to the power of 32
         weights.append(w * (like / np.sqrt(s)))
-    order = np.argsort(-np.array(weights), kind="stable")[:HYPOTHESES]
-    total = sum8([weights[i] for i in order])
+    ranked = np.argsort(-np.array(weights[SWINGS:]), kind="stable")[:HYPOTHESES]
+    order = [*range(SWINGS), *(SWINGS + i for i in ranked)]
+    total = sum12([weights[i] for i in order])
     kept, K0, K1 = [], [], []
     for i in order:
         one, gain0, gain1 = updated(ahead[i], nu[i], S[i])
@@ -181,23 +202,24 @@ def _adaptive(state: AdaptiveState, inputs: AdaptiveInputs) -> tuple[AdaptiveSta
 
 
 def _start(z: Any, R: Any, V: Any, A: Any) -> AdaptiveState:
-    """At the measurement, at rest or not: three hypotheses, none preferred."""
-    none, third = np.float64(0.0), np.float64(1.0) / 3.0
+    """At the measurement, at rest or not: four modes, none preferred."""
+    none, quarter = np.float64(0.0), np.float64(0.25)
+    swings = (Hypothesis(SWING, 0.25 * quarter, z, none, none, R, P11=V * V, P22=A * A),) * SWINGS
     first = (
-        Hypothesis(HOLD, third, z, none, none, R),
-        Hypothesis(CRUISE, third, z, none, none, R, P11=V * V),
-        Hypothesis(MANOEUVRE, third, z, none, none, R, P11=V * V, P22=A * A),
+        Hypothesis(HOLD, quarter, z, none, none, R),
+        Hypothesis(CRUISE, quarter, z, none, none, R, P11=V * V),
+        Hypothesis(MANOEUVRE, quarter, z, none, none, R, P11=V * V, P22=A * A),
     )
     spare = (Hypothesis(HOLD, none, z, none, none, R),) * (HYPOTHESES - len(first))
-    nothing = [none] * HYPOTHESES
-    return replace(_estimate([*first, *spare], nothing, nothing), S=R)
+    nothing = [none] * KEPT
+    return replace(_estimate([*swings, *first, *spare], nothing, nothing), S=R)
 
 
 def _estimate(kept: list[Hypothesis], K0: list[Any], K1: list[Any]) -> AdaptiveState:
     """Means over the hypotheses [BLK 11.6.6]."""
     w = [one.w for one in kept]
-    x = sum8([one.w * one.x for one in kept])
-    v = sum8([one.w * one.v for one in kept])
+    x = sum12([one.w * one.x for one in kept])
+    v = sum12([one.w * one.v for one in kept])
     from_mean = [(one, one.x - x, one.v - v) for one in kept]
     none = np.float64(0.0)
     return AdaptiveState(
@@ -205,13 +227,13 @@ def _estimate(kept: list[Hypothesis], K0: list[Any], K1: list[Any]) -> AdaptiveS
         hypotheses=tuple(kept),
         y=x,
         y_dot=v,
-        y_ddot=sum8([one.w * one.a for one in kept]),
-        K0=sum8([a * b for a, b in zip(w, K0, strict=True)]),
-        K1=sum8([a * b for a, b in zip(w, K1, strict=True)]),
-        P00=sum8([one.w * (one.P00 + dx * dx) for one, dx, _ in from_mean]),
-        P01=sum8([one.w * (one.P01 + dx * dv) for one, dx, dv in from_mean]),
-        P11=sum8([one.w * (one.P11 + dv * dv) for one, _, dv in from_mean]),
-        hold=sum8([one.w if one.mode == HOLD else none for one in kept]),
-        cruise=sum8([one.w if one.mode == CRUISE else none for one in kept]),
-        manoeuvre=sum8([one.w if one.mode == MANOEUVRE else none for one in kept]),
+        y_ddot=sum12([one.w * one.a for one in kept]),
+        K0=sum12([a * b for a, b in zip(w, K0, strict=True)]),
+        K1=sum12([a * b for a, b in zip(w, K1, strict=True)]),
+        P00=sum12([one.w * (one.P00 + dx * dx) for one, dx, _ in from_mean]),
+        P01=sum12([one.w * (one.P01 + dx * dv) for one, dx, dv in from_mean]),
+        P11=sum12([one.w * (one.P11 + dv * dv) for one, _, dv in from_mean]),
+        hold=sum12([one.w if one.mode == HOLD else none for one in kept]),
+        cruise=sum12([one.w if one.mode == CRUISE else none for one in kept]),
+        manoeuvre=sum12([one.w if one.mode >= MANOEUVRE else none for one in kept]),
     )
