@@ -38,8 +38,8 @@ def overlooked(config: Config) -> list[str]:
             seen, rows = rows_seen(source, config.task_of(config.axes[0]).period_ms / 1000.0)
             if seen < rows:
                 sentences.append(
-                    f"{source.file}: {rows - seen} of {rows} rows came between two scans and were not seen; a shorter "
-                    "period_ms with dt_source: source and on_repeat: predict steps every one"
+                    f"{source.file}: {rows - seen} of {rows} rows came between two scans and were not seen; "
+                    "a shorter period_ms with dt_source: source and on_repeat: predict steps every one"
                 )
     return sentences
 

@@ -183,6 +183,29 @@ def requests(token: Any) -> list[bytes]:
     return [struct_to_binary(request) for request in made]
 
 
+async def test_an_array_that_is_longer_than_its_message_costs_nobody_anything(quiet: Served) -> None:
+    value = ua.DataValue(ua.Variant([True], ua.VariantType.Boolean, is_array=True))
+    request = ua.WriteRequest(Parameters=ua.WriteParameters([ua.WriteValue(POSITION, 13, None, value)]))
+    async with quiet.client() as other:
+        attacker = quiet.client()
+        await attacker.connect()
+        protocol = attacker.uaclient.protocol
+        request.RequestHeader.AuthenticationToken = protocol.authentication_token
+        body = struct_to_binary(request)
+        one_boolean, nulls = struct.pack("<Bi?", 0x81, 1, True), struct.pack("<Bi", 0x80, 400_000_000)
+        assert body.count(one_boolean) == 1
+        protocol._request_id += 1
+        frame = protocol._connection.message_to_binary(
+            body.replace(one_boolean, nulls), request_id=protocol._request_id
+        )
+        protocol.transport.write(frame)
+
+        async with asyncio.timeout(20):  # making them takes minutes
+            assert await other.get_namespace_array()
+        with contextlib.suppress(Exception):
+            await attacker.disconnect()
+
+
 async def test_mutated_requests_leave_no_trace_in_the_log_and_no_client_suffers(
     quiet: Served, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -2,5 +2,6 @@
 
 Proven on asyncua 2.1.0, which pyproject.toml pins exactly; each class says what asyncua does without it.
 `channel`: sockets, frames and which services exist. `session`: sessions, their limits, and what each service may do.
-`subscriptions`: subscriptions and monitored items. `view`: browsing. `limits`: how much of each.
+`subscriptions`: subscriptions and monitored items. `view`: browsing. `decoding`: messages that would make more than
+they hold. `limits`: how much of each.
 """
