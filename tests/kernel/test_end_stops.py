@@ -120,7 +120,7 @@ def test_omega_at_kappa_0_is_undefined_and_saltation_takes_its_place(impact_scan
         follow(truth, 0.01, EndStops(0.0, 0.0), replace(TUNING, covariance=covariance, impact_scan=impact_scan))
         for covariance in ("omega", "saltation")
     ]
-    assert runs[0].states == runs[1].states
+    assert repr(runs[0].states) == repr(runs[1].states)  # NaN is in them, which equals nothing
 
 
 def test_without_the_constraint_the_same_filter_needs_half_a_second_to_find_the_speed_again():
