@@ -24,9 +24,13 @@ from softplc.clock import Clock
 from softplc.drivers.opcua.binding import Binding, bind, group, put, read_value, server_time
 from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
 from softplc.drivers.opcua.credentials import Credentials
+from softplc.drivers.opcua.fast.plain import SlowState
+from softplc.drivers.opcua.fast.read import ReadPlan, plan_reads
+from softplc.drivers.opcua.fast.seam import proven
+from softplc.drivers.opcua.fast.write import Writes
 from softplc.drivers.opcua.session import Session, batches, within
 from softplc.drivers.opcua.subscription import Subscription
-from softplc.drivers.opcua.values import encode
+from softplc.drivers.opcua.values import encode, write_value
 from softplc.drivers.opcua.witnesses import Witnesses
 from softplc.errors import LinkError
 from softplc.sample import StatusCode, is_bad
@@ -76,7 +80,9 @@ class OpcUaDriver:
             max(SHORTEST_SESSION, 4.0 * period),
         )
         self._sampling = period if config.sampling_ms is None else config.sampling_ms / 1000.0
-        self._plan: list[_Batch] = []
+        self._plan: list[ReadPlan] | list[_Batch] = []
+        self.slow = SlowState()
+        self._writes = Writes(self._session, self.slow)
         self._subscription: Subscription | None = None
         self._latest = Image(len(readings))
         self._witnesses = Witnesses(self._session, self._readings, self._latest, clock)
@@ -128,6 +134,9 @@ class OpcUaDriver:
             into.take_over(self._latest)
             return
         for batch in self._plan:
+            if isinstance(batch, ReadPlan):
+                await batch.read(into)
+                continue
             values = await self._session.read(batch.nodes)
             arrival, now = self._clock.monotonic(), self._clock.utc_ns()
             for binding, data in zip(batch.bindings, values, strict=True):
@@ -144,19 +153,30 @@ class OpcUaDriver:
         self._look_after()
         statuses: dict[int, int] = {}
         requests: list[tuple[int, ua.WriteValue]] = []
+        ready: list[int] = []
         for position, value in values.items():
             binding = self._writings[position]
             if binding.node is None or binding.variant_type is None or is_bad(binding.status):
                 statuses[position] = binding.status if is_bad(binding.status) else StatusCode.BAD_TYPE_MISMATCH
                 continue
-            request = _write_value(binding, self._indices[position], value)
-            if request is None:
+            if proven():
+                ready.append(position)
+                continue
+            number = encode(value, binding.variant_type)
+            if number is None:
                 statuses[position] = StatusCode.BAD_OUT_OF_RANGE
             else:
-                requests.append((position, request))
+                requests.append((position, write_value(binding.node, number, self._indices[position])))
+        if ready:
+            targets = [(self._writings[p].node, self._writings[p].variant_type, self._indices[p]) for p in ready]
+            results = await self._writes.write(targets, [values[position] for position in ready])
+            for position, status in zip(ready, results, strict=True):
+                statuses[position] = status
+                if status:
+                    self._writings[position].note(status)
         for some in batches(requests, self._session.limits.write):
-            results = await self._session.write([request for _, request in some])
-            for (position, _), result in zip(some, results, strict=True):
+            answers = await self._session.write([request for _, request in some])
+            for (position, _), result in zip(some, answers, strict=True):
                 statuses[position] = int(result.value)
                 self._writings[position].note(statuses[position])
         return statuses
@@ -180,9 +200,12 @@ class OpcUaDriver:
         else:
             self._plan = self._make_plan()
 
-    def _make_plan(self) -> list[_Batch]:
+    def _make_plan(self) -> "list[ReadPlan] | list[_Batch]":
         """Every resolved variable, those with a problem too: its status is the server's, and its end is seen."""
         found = [binding for binding in self._readings if binding.node is not None] or [server_time()]
+        if proven():
+            before = [plan for plan in self._plan if isinstance(plan, ReadPlan)]
+            return plan_reads(self._session, found, before, self.slow)
         return [
             _Batch(tuple(read_value(binding.node) for binding in some), tuple(some))
             for some in batches(found, self._session.limits.read)
@@ -270,19 +293,3 @@ class OpcUaDriver:
             self._plan = self._make_plan()
         else:
             await self._monitor([binding for binding in lost if not binding.monitored])
-
-
-def _write_value(binding: Binding, index: int | None, value: float) -> ua.WriteValue | None:
-    """The request for one value, without status and timestamps, which many PLCs refuse; None when it does not fit."""
-    assert binding.variant_type is not None
-    variant = encode(value, binding.variant_type)
-    if variant is None:
-        return None
-    if index is not None:
-        variant = ua.Variant([variant.Value], binding.variant_type, is_array=True)
-    return ua.WriteValue(
-        NodeId=binding.node,
-        AttributeId=ua.AttributeIds.Value,
-        IndexRange=None if index is None else str(index),
-        Value=ua.DataValue(variant, StatusCode=None),
-    )

@@ -17,6 +17,7 @@ from asyncua import ua
 
 from softplc.clock import Clock
 from softplc.drivers.opcua.credentials import APPLICATION_NAME, PRODUCT_URI, Credentials
+from softplc.drivers.opcua.fast.seam import Request, exchange
 from softplc.drivers.opcua.left import LEFT_SESSIONS, session_of
 from softplc.drivers.opcua.transport import Transport, make_client
 from softplc.errors import LinkError
@@ -34,7 +35,7 @@ T = TypeVar("T")
 class Limits:
     """The most operations that go into one request: the server's limits (OPC 10000-5, 6.3.11), or ours if less."""
 
-    read: int = 1000
+    read: int = 5000
     write: int = 1000
     browse: int = 100
     translate: int = 100
@@ -106,6 +107,18 @@ class Session:
             MaxAge=max_age, TimestampsToReturn=ua.TimestampsToReturn.Source, NodesToRead=list(nodes)
         )
         return await self._list("Read", self._transport.session.read(parameters), len(nodes))
+
+    def encode(self, request: Any, response: type) -> Request:
+        """A request of this session, encoded to be sent again and again; `response` is the type of its answer."""
+        return Request(self._transport, request, response)
+
+    async def exchange(self, request: Request) -> bytes:
+        """Send an encoded request; the body of its answer, which is of the type due. Raises as the library does."""
+        return await exchange(self._transport, request, self._clock.utc_ns())
+
+    def arrival(self) -> tuple[float, int]:
+        """Now: monotonic seconds, ns UTC."""
+        return self._clock.monotonic(), self._clock.utc_ns()
 
     async def write(self, values: Sequence[ua.WriteValue]) -> list[ua.StatusCode]:
         """One Write; a status for each value. Raises LinkError."""

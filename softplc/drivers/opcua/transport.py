@@ -15,6 +15,8 @@ from asyncua import Client, ua
 from asyncua.client.ua_client import UaClient, UASocketProtocol, UASocketState
 from asyncua.ua.ua_binary import struct_from_binary
 
+from softplc.drivers.opcua.fast.seam import proven, take_chunk
+
 MAX_MESSAGE: Final = 16 * 2**20
 """The largest message that is taken, bytes."""
 FAREWELL: Final = 1.0
@@ -85,6 +87,10 @@ class _BoundedProtocol(UASocketProtocol):  # type: ignore[misc]
     receive_buffer: bytes | None
 
     def data_received(self, data: bytes) -> None:
+        if self.receive_buffer:
+            data, self.receive_buffer = self.receive_buffer + data, None
+        if proven() and take_chunk(self, data):
+            return
         super().data_received(data)
         begun = self.receive_buffer
         largest = max(self._connection._limits.max_recv_buffer, _SMALLEST_CHUNK)

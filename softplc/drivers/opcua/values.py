@@ -82,6 +82,17 @@ def encode(value: float, variant_type: ua.VariantType) -> ua.Variant | None:
     return None
 
 
+def write_value(node: ua.NodeId, number: ua.Variant, index: int | None) -> ua.WriteValue:
+    """The request for one number, or element of an array; no status and timestamps, which many PLCs refuse."""
+    variant = number if index is None else ua.Variant([number.Value], number.VariantType, is_array=True)
+    return ua.WriteValue(
+        NodeId=node,
+        AttributeId=ua.AttributeIds.Value,
+        IndexRange=None if index is None else str(index),
+        Value=ua.DataValue(variant, StatusCode=None),
+    )
+
+
 def range_text(variant_type: ua.VariantType) -> str:
     """What `encode` accepts for this type, for a person."""
     if variant_type in INTEGER_RANGES:

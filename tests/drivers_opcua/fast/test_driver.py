@@ -1,0 +1,76 @@
+"""The driver on the fast path: which messages take it, what asyncua's decoder is left with, and the guard."""
+
+import logging
+import math
+
+import pytest
+from asyncua import ua
+
+from softplc.drivers.opcua.fast import seam
+from softplc.sample import StatusCode
+from softplc.tags import Image
+from tests.drivers_opcua.opened import opened, read
+from tests.drivers_opcua.servers import NUMBERS, AsyncuaPlc, NodePlc
+
+AXIS = "ns=2;s=PLC.Axis"
+
+
+async def test_numbers_of_every_type_good_and_bad_need_no_decoder_but_ours(plc: NodePlc):
+    tags = [f"{AXIS}.{name}" for name in (*NUMBERS, "Bad", "Uncertain", "NaN", "Ramp", "Nope")]
+    async with opened(plc.url, tags) as driver:
+        for _ in range(3):
+            image = await read(driver, len(tags))
+
+    assert image.values[: len(NUMBERS)].tolist() == list(NUMBERS.values())
+    assert image.statuses[-1] == StatusCode.BAD_NODE_ID_UNKNOWN
+    assert (driver.slow.messages, driver.slow.values) == (0, 0)
+
+
+async def test_an_array_or_a_text_is_decoded_by_asyncua_and_the_others_are_not(plc: NodePlc):
+    tags = [f"{AXIS}.Double", (f"{AXIS}.Doubles", 2), f"{AXIS}.Text", f"{AXIS}.Int16"]
+    async with opened(plc.url, tags) as driver:
+        image = await read(driver, 4)
+
+    assert image.values.tolist()[:2] == [1e300, 12.5]
+    assert math.isnan(image.values[2])
+    assert image.values[3] == -32768.0
+    assert image.statuses.tolist() == [0, 0, StatusCode.BAD_TYPE_MISMATCH, 0]
+    assert (driver.slow.messages, driver.slow.values) == (0, 2)
+
+
+async def test_a_value_that_comes_and_goes_is_followed_through_all_its_layouts(asyncua_plc: AsyncuaPlc):
+    tags = [f"ns={asyncua_plc.index};s={name}" for name in ("Plain", "Moving", "NoStamp")]
+    double, bad = ua.VariantType.Double, ua.StatusCode(StatusCode.BAD_SENSOR_FAILURE)
+    async with opened(asyncua_plc.url, tags) as driver:
+        image = Image(3)
+        for number in range(12):
+            kinds = (ua.DataValue(ua.Variant(float(number), double)), ua.DataValue(None, bad))
+            asyncua_plc.write("Moving", kinds[number % 2])
+            await driver.read(image)
+            assert image.values[[0, 2]].tolist() == [1.5, 2.5]
+            assert image.statuses[1] == (StatusCode.BAD_SENSOR_FAILURE if number % 2 else 0)
+            assert math.isnan(image.values[1]) if number % 2 else image.values[1] == number
+    assert (driver.slow.messages, driver.slow.values) == (0, 0)
+
+
+async def test_an_asyncua_that_was_not_proven_is_told_once_and_used_as_it_is(
+    plc: NodePlc, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+):
+    monkeypatch.setattr(seam, "PROVEN", frozenset({"0.0.1"}))
+    seam.proven.cache_clear()
+    try:
+        for _ in range(2):
+            async with opened(plc.url, [f"{AXIS}.Double"], [f"{AXIS}.Target"]) as driver:
+                image = await read(driver, 1)
+                assert image.values.tolist() == [1e300]
+                assert await driver.write({0: 2.5}) == {0: StatusCode.GOOD}
+    finally:
+        seam.proven.cache_clear()
+
+    told = [record for record in caplog.records if record.name == seam.__name__]
+    assert [record.levelno for record in told] == [logging.WARNING]
+    assert "expected 0.0.1" in told[0].getMessage()
+
+
+def test_the_installed_asyncua_is_one_that_the_codec_was_compared_with():
+    assert seam.proven()
