@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from softplc.config.models import Axis, Config, Source, Task, WriteBack
+from softplc.config.axis import Axis, WriteBack
+from softplc.config.models import Config, Source, Task
 from softplc.observers.aoi import AoiConfig
 from softplc.observers.axes import AxisPlace, AxisSpec, axis_tags, leaves_of
 from softplc.scan import source_tags, task_tags
