@@ -9,10 +9,11 @@ from pydantic import Field
 
 from softplc.interfaces import Observer
 from softplc.kernel.batch import adaptive as batch
+from softplc.kernel.batch.coast import adaptive_coast
 from softplc.kernel.result import Result
 from softplc.model import Model
 from softplc.observers.axes import AxisPlace, require_one_group
-from softplc.observers.kernel import Given, Numbers, StateKernel
+from softplc.observers.kernel import Flags, Given, Numbers, StateKernel
 from softplc.observers.observer import AxisObserver
 
 
@@ -102,6 +103,11 @@ class AdaptiveKernel(StateKernel):
         )
         self._rejected += results == Result.REJECTED
         return results
+
+    def coast(self, dt: NDArray[np.float64], rows: Flags) -> bool:
+        """Every hypothesis goes on, and new ones are born."""
+        adaptive_coast(self._state, self._tuning, dt, rows)
+        return True
 
     def predict(self, dt: NDArray[np.float64]) -> tuple[Numbers, Numbers]:
         """At the estimated acceleration."""

@@ -11,11 +11,12 @@ from pydantic import Field, model_validator
 from softplc.interfaces import Observer
 from softplc.kernel.batch import aoi as batch
 from softplc.kernel.batch.aoi_options import AoiBatchOptions
+from softplc.kernel.batch.coast import aoi_coast
 from softplc.kernel.reference.aoi_options import AoiOptions
 from softplc.model import Model
 from softplc.observers.aoi_options import Bleed, GainLimits, Gate, Positive
 from softplc.observers.axes import AxisPlace, require_one_group
-from softplc.observers.kernel import Given, Numbers, StateKernel
+from softplc.observers.kernel import Flags, Given, Numbers, StateKernel
 from softplc.observers.leaves import LEAVES, Leaf
 from softplc.observers.observer import AxisObserver
 
@@ -234,6 +235,13 @@ class AoiKernel(StateKernel):
         if self._absolute is not None:
             np.add(state.offset, state.y, out=self._absolute)
         return results
+
+    def coast(self, dt: NDArray[np.float64], rows: Flags) -> bool:
+        """Equations (2) to (12)."""
+        aoi_coast(self._state, self._tuning, dt * 1000.0, rows)
+        if self._absolute is not None:
+            np.copyto(self._absolute, self._state.offset + self._state.y, where=rows)
+        return True
 
     def predict(self, dt: NDArray[np.float64]) -> tuple[Numbers, Numbers]:
         """Equations (2) and (3)."""

@@ -102,7 +102,7 @@ def leaves_of(spec: AxisSpec, observer: ObserverModel) -> tuple[str, ...]:
     judged = consistency_leaves(observer.estimates) if spec.consistency else ()
     for quantity in spec.shadow:
         judged += (f"{quantity.capitalize()}Delta", f"{quantity.capitalize()}DeltaMax")
-    state = ("Dt", "Age", "Skipped", "Quality", "Reason", "Enabled", *COMMANDS)
+    state = ("Dt", "Age", "Skipped", "State", "Quality", "Reason", "Enabled", *COMMANDS)
     return ("Position", "Velocity", "Raw", *observer.estimates, *judged, *state, *observer.tuning)
 
 

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from softplc.interfaces import Observer
 from softplc.kernel.batch import fb_kalman as batch
+from softplc.kernel.batch.coast import fb_kalman_coast
 from softplc.kernel.result import Result
 from softplc.model import Model
 from softplc.observers.axes import AxisPlace, require_one_group
@@ -114,3 +115,8 @@ class FbKalmanKernel(StateKernel):
             state.y_dot[no_time] = 0.0
             results[no_time] = Result.DT_INVALID
         return results
+
+    def coast(self, dt: NDArray[np.float64], rows: Flags) -> bool:
+        """The block's prediction step."""
+        fb_kalman_coast(self._state, self._tuning, dt, rows)
+        return True
