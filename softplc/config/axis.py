@@ -10,6 +10,7 @@ from softplc.drivers.opcua.config import OpcUaTag
 from softplc.drivers.replay import ReplayTag
 from softplc.model import Model, Name
 from softplc.observers.aoi import AoiConfig
+from softplc.observers.axes import Policy
 from softplc.observers.config import ObserverConfig
 from softplc.observers.consistency import NEEDS, consistency_leaves
 from softplc.observers.ducekf import DucekfConfig
@@ -148,6 +149,9 @@ class Shadow(Model):
         return tuple(found)
 
 
+_OF_A_COAST = ("coast_max_ms", "coast_max_sigma", "after_coast")
+
+
 class Axis(Model):
     """One position that is filtered.
 
@@ -176,6 +180,18 @@ class Axis(Model):
     """predict: a value unchanged for so long on a live link is held, and counts as a measurement, ms."""
     reinit_after_ms: Annotated[float, Field(ge=1, le=3_600_000)] = 1000.0
     """A gap longer than this, beside the period, starts the observer anew; a shorter one is one long step, ms."""
+    on_bad: Policy = "hold"
+    """No usable sample on a live link: hold the last values, coast (carry them on), pass its number through, fail."""
+    on_lost: Policy | None = None
+    """The same for a link that is down; left out it is as on_bad, but fail where that is hold."""
+    coast_max_ms: Annotated[float, Field(gt=0, le=3_600_000)] = 500.0
+    """Longest coast, ms; after_coast follows. Bigger bridges more and may be further off."""
+    coast_max_sigma: Annotated[float, Field(gt=0, json_schema_extra={"x-unit": "unit"})] | None = None
+    """A coast also ends when the standard deviation of the position, √P00, is above this, unit."""
+    after_coast: Literal["hold", "fail"] = "fail"
+    """What follows a coast that was too long: hold the last values, or fail."""
+    reinit_samples: Annotated[int, Field(ge=1, le=1000)] = 3
+    """Fresh samples after an outage until the outputs are Good. Bigger trusts a source later that has come back."""
     contact: SourceTag | None = None
     """A Boolean tag, a limit switch or a force, that is not 0 while the axis touches its stop; for ducekf."""
     writable_tuning: bool = False
@@ -204,6 +220,22 @@ class Axis(Model):
         return self
 
     @model_validator(mode="after")
+    def _can_coast(self) -> Self:
+        coasts = "coast" in (self.on_bad, self.on_lost)
+        if coasts and isinstance(self.observer, AoiConfig) and self.observer.skipped_time == "lose":
+            raise ValueError("a coast with skipped_time: lose, which forgets the time, expected accumulate")
+        if not coasts:
+            unused = [name for name in _OF_A_COAST if getattr(self, name) != type(self).model_fields[name].default]
+            if unused:
+                raise ValueError(f"{', '.join(unused)} without a coast, expected on_bad or on_lost: coast")
+        if self.coast_max_sigma is not None and "P00" not in self.observer.estimates:
+            raise ValueError(
+                f"coast_max_sigma of observer {self.observer.type}, which has no variance P00, "
+                "expected coast_max_ms alone"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _writes_what_it_has(self) -> Self:
         own = ["Position", "Velocity", *self.observer.estimates, "Dt", "Quality"]
         if self.consistency:
@@ -227,6 +259,13 @@ class Axis(Model):
                 "no contact, which the observer takes its impacts from, expected a tag or contact_from: position"
             )
         return self
+
+    @property
+    def policy_when_lost(self) -> Policy:
+        """`on_lost`, or what follows from `on_bad`."""
+        if self.on_lost is not None:
+            return self.on_lost
+        return "fail" if self.on_bad == "hold" else self.on_bad
 
     @property
     def window(self) -> tuple[int, int] | None:
