@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from softplc.interfaces import Observer
 from softplc.kernel.batch import adaptive as batch
 from softplc.kernel.batch.coast import adaptive_coast
 from softplc.kernel.result import Result
@@ -53,7 +52,7 @@ class AdaptiveConfig(Model):
         return ("r_x", "top_speed", "top_acceleration", "GateSigma")
 
     @staticmethod
-    def build(places: Sequence[AxisPlace], configs: Sequence["AdaptiveConfig"]) -> Observer:
+    def build(places: Sequence[AxisPlace], configs: Sequence["AdaptiveConfig"]) -> AxisObserver:
         """One observer that steps all these axes; `configs` has one entry for each place.
 
         Raises ValueError when the configurations differ in their `group_key`, or the axes' blocks in their tags.

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from softplc.interfaces import Observer
 from softplc.kernel.batch import alpha_beta as batch
 from softplc.kernel.batch.coast import alpha_beta_coast
 from softplc.model import Model
@@ -87,7 +86,7 @@ class AlphaBetaConfig(Model):
         }
 
     @staticmethod
-    def build(places: Sequence[AxisPlace], configs: Sequence["AlphaBetaConfig"]) -> Observer:
+    def build(places: Sequence[AxisPlace], configs: Sequence["AlphaBetaConfig"]) -> AxisObserver:
         """One observer that steps all these axes. Raises ValueError when they do not belong together."""
         require_one_group(places, configs)
         dtype = np.dtype(np.float32 if configs[0].precision == "real" else np.float64)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from softplc.interfaces import Observer
 from softplc.kernel.batch import aoi as batch
 from softplc.kernel.batch.aoi_options import AoiBatchOptions
 from softplc.kernel.batch.coast import aoi_coast
@@ -171,7 +170,9 @@ class AoiConfig(Model):
         )
 
     @staticmethod
-    def build(places: Sequence[AxisPlace], configs: Sequence["AoiConfig"], step: batch.Step = batch.step) -> Observer:
+    def build(
+        places: Sequence[AxisPlace], configs: Sequence["AoiConfig"], step: batch.Step = batch.step
+    ) -> AxisObserver:
         """One observer that steps all these axes; `configs` has one entry for each place. `step` may be compiled.
 
         Raises ValueError when the configurations differ in their `group_key`, or the axes' blocks in their tags.

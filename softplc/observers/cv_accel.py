@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from softplc.interfaces import Observer
 from softplc.kernel.batch import cv_accel as batch
 from softplc.kernel.batch.coast import cv_accel_coast
 from softplc.kernel.result import Result
@@ -66,7 +65,7 @@ class CvAccelConfig(Model):
         return (*(("q_jerk",) if self.q_mode == "white_jerk" else _PER_SCAN), "r_x")
 
     @staticmethod
-    def build(places: Sequence[AxisPlace], configs: Sequence["CvAccelConfig"]) -> Observer:
+    def build(places: Sequence[AxisPlace], configs: Sequence["CvAccelConfig"]) -> AxisObserver:
         """One observer that steps all these axes. Raises ValueError when they do not belong together."""
         require_one_group(places, configs)
         kernel = CvAccelKernel(configs)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from softplc.interfaces import Observer
 from softplc.kernel.batch import ducekf as batch
 from softplc.kernel.batch.coast import ducekf_coast
 from softplc.kernel.batch.dhvpo import DhvpoBatch
@@ -123,7 +122,7 @@ class DucekfConfig(Model):
         return {"Restitution": (0.001, 10.0)} if self.impact_covariance == "omega" else {}
 
     @staticmethod
-    def build(places: Sequence[AxisPlace], configs: Sequence["DucekfConfig"]) -> Observer:
+    def build(places: Sequence[AxisPlace], configs: Sequence["DucekfConfig"]) -> AxisObserver:
         """One observer that steps all these axes; `configs` has one entry for each place.
 
         Raises ValueError when the configurations differ in their `group_key`, or the axes' blocks in their tags.

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from softplc.interfaces import Observer
 from softplc.kernel.batch import fb_kalman as batch
 from softplc.kernel.batch.coast import fb_kalman_coast
 from softplc.kernel.result import Result
@@ -65,7 +64,7 @@ class FbKalmanConfig(Model):
         return ("Q", "R")
 
     @staticmethod
-    def build(places: Sequence[AxisPlace], configs: Sequence["FbKalmanConfig"]) -> Observer:
+    def build(places: Sequence[AxisPlace], configs: Sequence["FbKalmanConfig"]) -> AxisObserver:
         """One observer that steps all these axes; `configs` has one entry for each place.
 
         Raises ValueError when the configurations differ in their `group_key`, or the axes' blocks in their tags.

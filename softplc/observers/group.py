@@ -148,6 +148,22 @@ class AxisGroup:
         tags.row("Reset")[:] = self.commands.reset_state
         tags.write(scan, outputs, samples, self.modes.stamps(samples, time))
 
+    def succeed(self, other: "AxisGroup", rows: Sequence[int], *, ramp: bool) -> None:
+        """Go on for these axes of another group, whose state is lost; `ramp`: from the positions that they had."""
+        these = list(rows)
+        self.enable.state[:] = other.enable.state[these]
+        self.commands.reset_state[:] = other.commands.reset_state[these]
+        self.time.skipped[:] = other.time.skipped[these]
+        for leaf, values in self._kernel.tuning.items():
+            values[:] = other._kernel.tuning[leaf][these]
+            self._tags.row(leaf)[:] = values
+        self._arrivals[:], self._started = other._arrivals[these], other._started
+        self.time.timestamps[:] = other.time.timestamps[these]
+        if ramp:
+            self._tags.adopt(other._tags, these)
+            self._has_values[:] = other._has_values[these]
+        self.modes.resume(other.modes, these)
+
     def park(self, outputs: Image) -> None:
         """Every estimate is NaN and BadInternalError from here; Raw stays as it was last."""
         self._tags.park(outputs)

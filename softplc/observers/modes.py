@@ -71,14 +71,10 @@ class Modes:
         self._left[rows] = 0
         self._all_run = False
 
-    def resume(self, positions: NDArray[np.float64]) -> None:
-        """Axes that ran before come back as after an outage, from these positions; NaN where there is none."""
-        known = np.isfinite(positions)
-        np.copyto(self._tags.row("Position"), positions, where=known)
-        self._values |= known
-        self._ran.fill(True)
-        self._out.fill(True)
-        self.state[:] = np.where(known, AxisState.HOLD, AxisState.FAIL)
+    def resume(self, other: "Modes", axes: Sequence[int]) -> None:
+        """Go on for these axes of another group, whose state is lost: those that ran come back as after an outage."""
+        self._ran[:] = self._out[:] = other._ran[list(axes)]
+        self.state[:] = np.where(self._values, AxisState.HOLD, AxisState.INIT)
 
     def begin(self, scan: Scan, samples: Judgement, time: TimeStep, enabled: Flags) -> None:
         """Decide what is shown of axes without a usable sample; carries on those that coast."""
