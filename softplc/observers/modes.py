@@ -218,7 +218,7 @@ class Modes:
         if not settling.any():
             return
         position = self._tags.row("Position")
-        way = 1.0 - self._left / self._wanted
+        way = (self._wanted - self._left) / self._wanted
         ramped = self._from * (1.0 - way) + position * way
         np.copyto(position, ramped, where=settling & (self._left > 0) & np.isfinite(ramped))
         plain = settling & ((samples.reason == Reason.NONE) | (samples.reason == Reason.PREDICTED))
