@@ -1,5 +1,6 @@
 """What every observer shares: the axis as configured, its tags, and its place in the images."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, Protocol
@@ -15,6 +16,7 @@ from softplc.tags import Block, DataType, Role, Tag
 DtSource = Literal["scan", "source", "arrival", "nominal"]
 OnRepeat = Literal["update", "predict"]
 SkippedTime = Literal["accumulate", "lose"]
+Policy = Literal["hold", "coast", "passthrough", "fail"]
 
 _REAL_MAX: Final = float(np.finfo(np.float32).max)
 _REAL_TINY: Final = float(np.finfo(np.float32).tiny)
@@ -30,6 +32,9 @@ class AxisSpec:
     of scans without a usable sample; `lose` only with `dt_source` scan. `tuning_writable`: clients may write the
     tuning. `consistency`: window and lags of the consistency tags, None for none. `shadow`: which of position and
     velocity the PLC estimates itself; `shadow_settling`: time after a start before their largest differences count.
+    `on_bad`, `on_lost`: what is shown where no sample is usable, while the link lives and while it does not.
+    `coast_max`, `coast_max_sigma` (in `unit`): where a coast ends, and `after_coast` comes. `reinit_samples`: fresh
+    samples after an outage until the outputs are Good.
     """
 
     name: str
@@ -46,6 +51,12 @@ class AxisSpec:
     consistency: tuple[int, int] | None = None
     shadow: tuple[Literal["position", "velocity"], ...] = ()
     shadow_settling: float = 0.0
+    on_bad: Policy = "hold"
+    on_lost: Policy = "fail"
+    coast_max: float = 0.5
+    coast_max_sigma: float = math.inf
+    after_coast: Literal["hold", "fail"] = "fail"
+    reinit_samples: int = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +113,7 @@ def leaves_of(spec: AxisSpec, observer: ObserverModel) -> tuple[str, ...]:
     judged = consistency_leaves(observer.estimates) if spec.consistency else ()
     for quantity in spec.shadow:
         judged += (f"{quantity.capitalize()}Delta", f"{quantity.capitalize()}DeltaMax")
-    state = ("Dt", "Age", "Skipped", "Quality", "Reason", "Enabled", *COMMANDS)
+    state = ("Dt", "Age", "Skipped", "State", "Quality", "Reason", "Enabled", *COMMANDS)
     return ("Position", "Velocity", "Raw", *observer.estimates, *judged, *state, *observer.tuning)
 
 

@@ -75,13 +75,14 @@ class Judgement:
     `z` float64 as read, `input_status` uint32, `timestamps` int64 ns, `arrivals` monotonic seconds;
     `usable`: the sample may enter the observer; `status` and `reason` of the outputs as far as the input decides;
     `blank`: the outputs have no value, None where every axis has one; `raw`, `raw_status`: what Raw shows.
+    `limit`: the largest number that there is in the kernel's precision.
     """
 
     def __init__(self, places: Sequence[AxisPlace], dtype: DTypeLike) -> None:
         n, limit = len(places), float(np.finfo(dtype).max)
         ranges = [place.spec.range or (-np.inf, np.inf) for place in places]
         self._index = np.array([place.measurement for place in places], np.intp)
-        self._limit = limit
+        self.limit = limit
         self._low = np.array([max(low, -limit) for low, _ in ranges])
         self._high = np.array([min(high, limit) for _, high in ranges])
         self._last_arrivals = np.full(n, np.nan)
@@ -124,7 +125,7 @@ class Judgement:
             (code == np.uint32(StatusCode.BAD_WAITING_FOR_INITIAL_DATA), Reason.WAITING),
             (_is_any(code, _CONFIGURATION), Reason.CONFIGURATION),
             (bad, Reason.INPUT_BAD),
-            (~(np.abs(z) <= self._limit), Reason.INPUT_NOT_FINITE),
+            (~(np.abs(z) <= self.limit), Reason.INPUT_NOT_FINITE),
             (~self.usable, Reason.INPUT_OUT_OF_RANGE),
             (no_reply, Reason.STALE),
             (own >= np.uint32(StatusCode.UNCERTAIN), Reason.INPUT_UNCERTAIN),

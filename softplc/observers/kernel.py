@@ -64,6 +64,15 @@ class Kernel(Protocol):
         """Position and velocity carried on by dt seconds from the state, which stays as it is."""
         ...
 
+    def coast(self, dt: NDArray[np.float64], rows: Flags) -> bool:
+        """Carry the state of these rows on by dt seconds without a measurement, so that its variance grows.
+
+        False, with nothing done, where the state cannot be carried on because it is made of past samples: then
+        `predict` says where the axis should be by now, and the next sample is stepped with all the time since the
+        last one.
+        """
+        ...
+
 
 class BatchState(Protocol):
     """What the adapters need of a batch kernel's state; arrays[n] that stay the same objects."""
@@ -108,3 +117,7 @@ class StateKernel:
     def predict(self, dt: NDArray[np.float64]) -> tuple[Numbers, Numbers]:
         """Position carried on at the velocity."""
         return self._axes.y + self._axes.y_dot * dt, self._axes.y_dot
+
+    def coast(self, dt: NDArray[np.float64], rows: Flags) -> bool:
+        """Not by itself."""
+        return False

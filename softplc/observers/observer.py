@@ -33,6 +33,13 @@ class AxisObserver:
             kernel.clear(~finite)  # they start again with the next usable sample
         group.finish(scan, outputs, results, finite)
 
+    def succeed(self, other: "AxisObserver", rows: Sequence[int], *, ramp: bool) -> None:
+        """Take the place of these axes of another observer: all that clients have written, none of its state.
+
+        The axes come back as after an outage; `ramp`: from the positions that they had.
+        """
+        self._group.succeed(other._group, rows, ramp=ramp)
+
     def command(self, index: int, value: float) -> bool:
         """Take a written value for the tag at this index of `outputs`; False when it is none of the writable ones."""
         return self._group.commands.take(index, value)
