@@ -72,6 +72,7 @@ class Reason(IntEnum):
     INNOVATION_GATE = 16  # the sample lies too far from the prediction to be believed; predicted instead
     HELD_AT_STOP = 17  # the estimate reached an end stop before the axis did and waits there for the contact
     FAR_OFF = 18  # the measurement is a thousand σ from the prediction: one of the two is not to be believed
+    RATE_EXCEEDED = 19  # the measurement moved faster than the axis can, rejected before the observer
 
 
 REASON_TEXT: Final[dict[Reason, str]] = {
@@ -94,6 +95,7 @@ REASON_TEXT: Final[dict[Reason, str]] = {
     Reason.INNOVATION_GATE: "innovation beyond the gate, sample rejected",
     Reason.HELD_AT_STOP: "estimate waits at the end stop for the contact",
     Reason.FAR_OFF: "measurement and prediction are a thousand sigma apart",
+    Reason.RATE_EXCEEDED: "faster than the axis can move, rejected",
 }
 
 

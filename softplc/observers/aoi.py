@@ -15,7 +15,7 @@ from softplc.kernel.reference.aoi_options import AoiOptions
 from softplc.model import Model
 from softplc.observers.aoi_options import Bleed, GainLimits, Gate, Positive
 from softplc.observers.axes import AxisPlace, require_one_group
-from softplc.observers.kernel import Given, Numbers, StateKernel
+from softplc.observers.kernel import Flags, Given, Numbers, StateKernel
 from softplc.observers.leaves import LEAVES, Leaf
 from softplc.observers.observer import AxisObserver
 
@@ -234,6 +234,12 @@ class AoiKernel(StateKernel):
         if self._absolute is not None:
             np.add(state.offset, state.y, out=self._absolute)
         return results
+
+    def shift(self, rows: Flags, by: NDArray[np.float64]) -> None:
+        """The origin of these axes moves; what their positions are relative to stays."""
+        super().shift(rows, by)
+        if self._absolute is not None:
+            np.add(self._state.offset, self._state.y, out=self._absolute, where=rows)
 
     def predict(self, dt: NDArray[np.float64]) -> tuple[Numbers, Numbers]:
         """Equations (2) and (3)."""

@@ -9,7 +9,8 @@ import numpy as np
 from softplc.interfaces import Observer
 from softplc.observers.bounds import bounds_of
 from softplc.observers.consistency import consistency_leaves
-from softplc.observers.leaves import COMMANDS, LEAVES, Leaf
+from softplc.observers.leaves import COMMANDS, LEAVES, NOW, Leaf
+from softplc.observers.signal_config import SignalSpec
 from softplc.tags import Block, DataType, Role, Tag
 
 DtSource = Literal["scan", "source", "arrival", "nominal"]
@@ -30,6 +31,8 @@ class AxisSpec:
     of scans without a usable sample; `lose` only with `dt_source` scan. `tuning_writable`: clients may write the
     tuning. `consistency`: window and lags of the consistency tags, None for none. `shadow`: which of position and
     velocity the PLC estimates itself; `shadow_settling`: time after a start before their largest differences count.
+    `signal`: conditioning of the measurement. `dead_time`: what was measured is older than its sample by this, None
+    for no tags of the state carried on to now.
     """
 
     name: str
@@ -46,6 +49,8 @@ class AxisSpec:
     consistency: tuple[int, int] | None = None
     shadow: tuple[Literal["position", "velocity"], ...] = ()
     shadow_settling: float = 0.0
+    signal: SignalSpec | None = None
+    dead_time: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +108,8 @@ def leaves_of(spec: AxisSpec, observer: ObserverModel) -> tuple[str, ...]:
     for quantity in spec.shadow:
         judged += (f"{quantity.capitalize()}Delta", f"{quantity.capitalize()}DeltaMax")
     state = ("Dt", "Age", "Skipped", "Quality", "Reason", "Enabled", *COMMANDS)
-    return ("Position", "Velocity", "Raw", *observer.estimates, *judged, *state, *observer.tuning)
+    now = () if spec.dead_time is None else NOW
+    return ("Position", "Velocity", "Raw", *observer.estimates, *now, *judged, *state, *observer.tuning)
 
 
 def axis_tags(spec: AxisSpec, observer: ObserverModel) -> tuple[Tag, ...]:
@@ -115,7 +121,7 @@ def _tag(spec: AxisSpec, name: str, observer: ObserverModel) -> Tag:
     variants: Mapping[str, Leaf] = getattr(observer, "variants", {})  # where an option gives a leaf another unit
     leaf = variants.get(name, LEAVES[name])
     role, span, limits, writable = Role.DIAGNOSTIC, None, None, False
-    if name in ("Position", "Velocity"):
+    if name in ("Position", "Velocity", "PositionNow", "VelocityNow"):
         role = Role.OUTPUT
     elif name == "Raw":
         role = Role.INPUT
@@ -126,7 +132,10 @@ def _tag(spec: AxisSpec, name: str, observer: ObserverModel) -> Tag:
         role = Role.TUNING
         writable = spec.tuning_writable and leaf.limits is not None
         limits = _limits(leaf, observer) if writable else None
-    if name in ("Position", "Raw"):
+    signal = spec.signal or SignalSpec()
+    if name in ("Position", "PositionNow"):
+        span = spec.range if signal.modulo is None else (0.0, signal.modulo)
+    elif name == "Raw" and signal.counter is None:
         span = spec.range
     unit = leaf.unit_of(spec.unit)
     return Tag(f"{spec.name}.{name}", unit, leaf.description, role, leaf.data_type, span, writable, limits)

@@ -64,6 +64,10 @@ class Kernel(Protocol):
         """Position and velocity carried on by dt seconds from the state, which stays as it is."""
         ...
 
+    def shift(self, rows: Flags, by: NDArray[np.float64]) -> None:
+        """The origin of these axes moves: every position in the state, Position too, grows by `by` [n], u."""
+        ...
+
 
 class BatchState(Protocol):
     """What the adapters need of a batch kernel's state; arrays[n] that stay the same objects."""
@@ -78,6 +82,10 @@ class BatchState(Protocol):
 
     def clear(self, rows: Flags) -> None:
         """As before the first scan."""
+        ...
+
+    def shift(self, rows: Flags, by: NDArray[np.float64]) -> None:
+        """Every position grows by `by` [n], u."""
         ...
 
 
@@ -108,3 +116,7 @@ class StateKernel:
     def predict(self, dt: NDArray[np.float64]) -> tuple[Numbers, Numbers]:
         """Position carried on at the velocity."""
         return self._axes.y + self._axes.y_dot * dt, self._axes.y_dot
+
+    def shift(self, rows: Flags, by: NDArray[np.float64]) -> None:
+        """The origin of these axes moves by -`by`, u."""
+        self._axes.shift(rows, by)
