@@ -182,7 +182,7 @@ class Signal:
         rows = self._rows
         z, used = samples.z[rows], samples.usable[rows]
         if self._wraps:
-            self._follow(used & ~self._repeated)
+            self._follow(z, used & ~self._repeated)
         self._pass_on(samples, z, used)
         np.copyto(self._z, z, where=used)
         fresh = used & ~self._repeated
@@ -191,11 +191,11 @@ class Signal:
             np.copyto(self._arrival, samples.arrivals[rows], where=fresh)
             np.copyto(self._stamp, samples.timestamps[rows], where=fresh)
 
-    def _follow(self, fresh: Flags) -> None:
+    def _follow(self, z: _Numbers, fresh: Flags) -> None:
         """How fast the axis is: the median of three, so that one wild sample does not lead to the wrong turn."""
         known = fresh & (self._dt > 0.0) & ~self._old
         np.copyto(self._speeds, 0.0, where=fresh & self._old)
-        speed = (self._new_u - self._u) / self._dt
+        speed = (z - self._z) / self._dt
         for older, newer in ((0, self._speeds[1]), (1, self._speeds[2]), (2, speed)):
             np.copyto(self._speeds[older], newer, where=known)
         a, b, c = self._speeds
