@@ -243,6 +243,8 @@ class Axis(Model):
         if self.shadow is not None:
             own += [f"{part.capitalize()}{leaf}" for part in self.shadow.quantities for leaf in ("Delta", "DeltaMax")]
         for write_back in self.write_back:
+            if write_back.output in NOW and self.dead_time_ms is None:
+                raise ValueError(f"write_back of {write_back.output} without dead_time_ms, expected both")
             if write_back.output not in own:
                 raise ValueError(
                     f"write_back of {write_back.output}, which observer {self.observer.type} does not have, "
