@@ -134,6 +134,7 @@ class Judgement:
             np.logical_and(self.usable, self.input_status < _BAD, out=self.usable)
         self._too_fast = signal.judge(self, self._low, self._high)
         if self._too_fast is not None:
+            self._too_fast &= self.usable  # out of range says more
             self.usable[self._too_fast] = False
 
     def _judge_closely(self, has_values: NDArray[np.bool_]) -> None:

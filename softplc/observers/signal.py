@@ -114,57 +114,34 @@ class Signal:
         self._old = ~(waited <= self._reinit_after + scan.period)
 
     def judge(self, samples: "Judgement", low: _Numbers, high: _Numbers) -> Flags | None:
-        """Samples that are rejected as too fast, bool[n], None for none; may let others into `samples.usable`.
+        """Samples that are rejected as too fast, bool[n], None for none; one after many is let into `samples.usable`.
 
         `low` and `high` are the ranges [n].
         """
-        rows, too_fast = self._rows, None
-        if self._limits:
-            jump = np.abs(samples.z[rows] - self._z) - self._quantum
-            fast = (jump > self._max_rate * np.maximum(self._dt, 0.0)) & samples.usable[rows] & ~self._old
-            if fast.any() or self._in_a_row.any():
-                too_fast = self._reject(samples, fast, low, high)
-        if len(self._counted) and not samples.usable.all():
-            self._find_back(samples, low, high)
-        return too_fast
-
-    def _reject(self, samples: "Judgement", fast: Flags, low: _Numbers, high: _Numbers) -> Flags | None:
-        """Count what is too fast; where it was so too often in a row it is the new place of the axis."""
+        if not self._limits:
+            return None
         rows = self._rows
-        calm = samples.usable[rows] & ~fast
-        again = (fast & (self._in_a_row >= self._most)) | (calm & self._old & (self._in_a_row > 0))
-        self._in_a_row[calm] = 0
+        jump = np.abs(samples.z[rows] - self._z) - self._quantum
+        fast = (jump > self._max_rate * np.maximum(self._dt, 0.0)) & ~self._old
+        if not (fast.any() or self._in_a_row.any()):
+            return None
+        read, stamp = samples.read[rows], samples.timestamps[rows]
+        known = (samples.input_status[rows] < np.uint32(StatusCode.BAD)) & np.isfinite(read)
+        fast &= known
+        again = known & np.where(fast, self._in_a_row >= self._most, self._old & (self._in_a_row > 0))
+        again &= (read >= low[rows]) & (read <= high[rows])  # it will be where it says itself
         if again.any():
             self._start_anew(samples, again)
-            place = samples.z[rows]
-            inside = (place >= low[rows]) & (place <= high[rows])
-            turning = np.zeros(len(rows), np.bool_)
-            turning[self._turning] = True
-            samples.usable[rows[again & ~turning & ~inside]] = False
+            samples.usable[rows[again]] = True
         fast &= ~again
-        # A source that is slower than the scans repeats one wild sample many times; one that stays counts as old.
-        read, stamp = samples.read[rows], samples.timestamps[rows]
+        # A source that is slower than the scans repeats one wild sample many times; one that stays becomes old.
         self._in_a_row[fast & ((read != self._wild) | (stamp != self._wild_stamp))] += 1
+        self._in_a_row[samples.usable[rows] & ~fast] = 0
         np.copyto(self._wild, read, where=fast)
         np.copyto(self._wild_stamp, stamp, where=fast)
-        if not fast.any():
-            return None
         rejected = np.zeros(self._n, np.bool_)
         rejected[rows] = fast
         return rejected
-
-    def _find_back(self, samples: "Judgement", low: _Numbers, high: _Numbers) -> None:
-        """A counter that is outside its range for long is where it says itself, if that is inside."""
-        rows = self._rows
-        read = samples.read[rows]
-        lost = np.zeros(len(rows), np.bool_)
-        lost[self._counted] = True
-        lost[self._turning] = False
-        lost &= self._old & ~samples.usable[rows] & (read >= low[rows]) & (read <= high[rows])
-        lost &= samples.input_status[rows] < np.uint32(StatusCode.BAD)
-        if lost.any():
-            self._start_anew(samples, lost)
-            samples.usable[rows[lost]] = True
 
     def _start_anew(self, samples: "Judgement", which: Flags) -> None:
         """As after a start of the service: a counter is where it says itself."""

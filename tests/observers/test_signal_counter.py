@@ -90,14 +90,24 @@ def test_the_range_is_that_of_the_unwrapped_position():
             assert own.status("Raw") == StatusCode.GOOD
 
 
-def test_a_counter_that_was_set_anew_and_would_be_out_of_range_is_where_it_says():
-    """The PLC restarted and zeroed its counter, a turn away from what we had counted."""
+def test_a_position_that_is_out_of_range_for_long_is_not_taken_for_another_turn():
+    """The counter itself, 355, is inside."""
     own = rig(range=(0.0, 1000.0))
+    for k in range(200):
+        own.scan(counter(min(20.0 * k, 1010.36)))
+    assert own.outcome()[1] is Reason.INPUT_OUT_OF_RANGE
+
+
+@pytest.mark.parametrize("stamped", [False, True])
+def test_a_counter_that_was_set_anew_and_would_be_out_of_range_is_where_it_says(stamped: bool):
+    """The PLC restarted and zeroed its counter, a turn away from what we had counted; an axis that has a max_rate."""
+    source = "source" if stamped else "scan"
+    own = rig(range=(0.0, 1000.0), signal=SignalSpec(counter=SPAN, max_rate=1000.0), dt_source=source)
     for k in range(48):
         own.scan(counter(20.0 * k))
     assert own.get("Position") == pytest.approx(940.0, abs=1.0)
     for _ in range(30):
-        own.scan(counter(500.0))  # nearest to 940 is 1155
+        own.scan(counter(500.0), stamp=102.5 if stamped else None)  # nearest to 940 is 1155
     assert own.outcome() == (StatusCode.GOOD, Reason.NONE)
     assert own.get("Position") == pytest.approx(500.0)
     assert own.get("Velocity") == pytest.approx(0.0)

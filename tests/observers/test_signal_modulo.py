@@ -49,10 +49,10 @@ def off(a: float, b: float, turn: float = 360.0) -> float:
 def test_a_turning_axis_is_the_same_as_one_that_goes_straight_on(name: str, speed: float):
     """45° a scan, and 165° backwards; beside it the same observer, which gets the unwrapped positions."""
     own, plain = rig(OBSERVERS[name]), make_rig((AxisSpec("A0"), OBSERVERS[name]))
-    noise = np.random.default_rng(1).normal(0.0, 0.05, 240)
-    # Rounding of positions of 40 000°: 1e-11 in double; 2e-3 in REAL, of an innovation of 0.3 with an S of 0.02.
+    noise = np.random.default_rng(1).normal(0.0, 0.05, 120)
+    # Rounding of positions of 20 000°: 1e-11 in double; 2e-3 in REAL, of an innovation of 0.3 with an S of 0.02.
     tolerance = 0.1 if name.endswith("real") else 1e-6
-    for k in range(240):
+    for k in range(120):
         position = 10.0 + 0.05 * k * speed + float(noise[k])
         own.scan(position % 360.0)
         plain.scan(position)
@@ -93,10 +93,10 @@ def test_the_edge_of_a_turn_is_zero(position: float):
 
 
 def test_turns_cost_no_precision():
-    """2000 turns: what goes straight on is at 750 000 by then, and its velocity is noisier by as many roundings."""
+    """1000 turns: what goes straight on is at 375 000 by then, and its velocity is noisier by as many roundings."""
     own = rig(AoiConfig(type="aoi", r_x=0.01))
     errors = []
-    for k in range(5000):
+    for k in range(2500):
         own.scan((150.0 * k) % 360.0)
         errors.append(abs(own.get("Velocity") - 3000.0))
     # Rounding of numbers below 720, 6e-14, times gains of a few 1/s; straight on it would be 1e-10 and more.

@@ -175,3 +175,12 @@ def test_a_sample_that_is_bad_and_has_a_value_counts_for_nothing():
         assert own.outcome()[1] is Reason.INPUT_BAD
     own.scan(10.0)
     assert own.outcome() == GOOD
+
+
+def test_a_fault_that_is_out_of_range_for_long_does_not_start_the_observer_anew():
+    own = settled(rig(range=(0.0, 100.0)))
+    for _ in range(10):
+        own.scan(5000.0)
+        assert own.outcome()[1] is Reason.INPUT_OUT_OF_RANGE
+    own.scan(10.0)
+    assert own.outcome() == GOOD
