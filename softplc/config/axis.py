@@ -14,7 +14,8 @@ from softplc.observers.axes import Policy
 from softplc.observers.config import ObserverConfig
 from softplc.observers.consistency import NEEDS, consistency_leaves
 from softplc.observers.ducekf import DucekfConfig
-from softplc.observers.leaves import WRITE_BACK
+from softplc.observers.leaves import NOW, WRITE_BACK
+from softplc.observers.signal_config import Signal
 
 
 def _protocol_of(tag: Any) -> str | None:
@@ -168,6 +169,11 @@ class Axis(Model):
     """Unit of the position, as in mm, deg, in, count; velocity is in unit/s."""
     range: Annotated[tuple[float, float] | None, Field(json_schema_extra={"x-unit": "unit"})] = None
     """Lowest and highest plausible position; a sample outside is rejected. Also the EURange for HMIs."""
+    signal: Signal | None = None
+    """What is done with the measured position before the observer; leave it out for nothing."""
+    dead_time_ms: Annotated[float, Field(ge=0, le=60_000)] | None = None
+    """Publishes PositionNow and VelocityNow: the state carried on by the sample's age and by this, ms. Bigger looks
+    further ahead. What passes in sensor, bus and PLC before the sample is ours; 0 for the sample's age alone."""
     task: Name | None = None
     """The task that scans this axis; the first one when left out."""
     enable: Enable = True
@@ -202,6 +208,14 @@ class Axis(Model):
     """Tags of the same observer in the PLC, to compare with."""
     write_back: tuple[WriteBack, ...] = ()
     """Outputs that are written into a source."""
+
+    @model_validator(mode="after")
+    def _turns_with_its_observer(self) -> Self:
+        if self.signal is not None and self.signal.modulo is not None and isinstance(self.observer, DucekfConfig):
+            raise ValueError(
+                "signal.modulo with observer ducekf, whose stops do not turn with the axis, expected another observer"
+            )
+        return self
 
     @model_validator(mode="after")
     def _can_tell_its_consistency(self) -> Self:
@@ -240,9 +254,12 @@ class Axis(Model):
         own = ["Position", "Velocity", *self.observer.estimates, "Dt", "Quality"]
         if self.consistency:
             own += [leaf for leaf in consistency_leaves(self.observer.estimates) if leaf in WRITE_BACK]
+        own += NOW if self.dead_time_ms is not None else ()
         if self.shadow is not None:
             own += [f"{part.capitalize()}{leaf}" for part in self.shadow.quantities for leaf in ("Delta", "DeltaMax")]
         for write_back in self.write_back:
+            if write_back.output in NOW and self.dead_time_ms is None:
+                raise ValueError(f"write_back of {write_back.output} without dead_time_ms, expected both")
             if write_back.output not in own:
                 raise ValueError(
                     f"write_back of {write_back.output}, which observer {self.observer.type} does not have, "

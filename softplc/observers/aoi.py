@@ -244,6 +244,12 @@ class AoiKernel(StateKernel):
             np.copyto(self._absolute, self._state.offset + self._state.y, where=rows)
         return True
 
+    def shift(self, rows: Flags, by: NDArray[np.float64]) -> None:
+        """The origin of these axes moves; what their positions are relative to stays."""
+        super().shift(rows, by)
+        if self._absolute is not None:
+            np.add(self._state.offset, self._state.y, out=self._absolute, where=rows)
+
     def predict(self, dt: NDArray[np.float64]) -> tuple[Numbers, Numbers]:
         """Equations (2) and (3)."""
         return self._position + self._state.y_dot * dt, self._state.y_dot

@@ -10,7 +10,8 @@ import numpy as np
 from softplc.interfaces import Observer
 from softplc.observers.bounds import bounds_of
 from softplc.observers.consistency import consistency_leaves
-from softplc.observers.leaves import COMMANDS, LEAVES, Leaf
+from softplc.observers.leaves import COMMANDS, LEAVES, NOW, Leaf
+from softplc.observers.signal_config import SignalSpec
 from softplc.tags import Block, DataType, Role, Tag
 
 DtSource = Literal["scan", "source", "arrival", "nominal"]
@@ -35,6 +36,8 @@ class AxisSpec:
     `on_bad`, `on_lost`: what is shown where no sample is usable, while the link lives and while it does not.
     `coast_max`, `coast_max_sigma` (in `unit`): where a coast ends, and `after_coast` comes. `reinit_samples`: fresh
     samples after an outage until the outputs are Good.
+    `signal`: conditioning of the measurement. `dead_time`: what was measured is older than its sample by this, None
+    for no tags of the state carried on to now.
     """
 
     name: str
@@ -57,6 +60,8 @@ class AxisSpec:
     coast_max_sigma: float = math.inf
     after_coast: Literal["hold", "fail"] = "fail"
     reinit_samples: int = 3
+    signal: SignalSpec | None = None
+    dead_time: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +119,8 @@ def leaves_of(spec: AxisSpec, observer: ObserverModel) -> tuple[str, ...]:
     for quantity in spec.shadow:
         judged += (f"{quantity.capitalize()}Delta", f"{quantity.capitalize()}DeltaMax")
     state = ("Dt", "Age", "Skipped", "State", "Quality", "Reason", "Enabled", *COMMANDS)
-    return ("Position", "Velocity", "Raw", *observer.estimates, *judged, *state, *observer.tuning)
+    now = () if spec.dead_time is None else NOW
+    return ("Position", "Velocity", "Raw", *observer.estimates, *now, *judged, *state, *observer.tuning)
 
 
 def axis_tags(spec: AxisSpec, observer: ObserverModel) -> tuple[Tag, ...]:
@@ -126,7 +132,7 @@ def _tag(spec: AxisSpec, name: str, observer: ObserverModel) -> Tag:
     variants: Mapping[str, Leaf] = getattr(observer, "variants", {})  # where an option gives a leaf another unit
     leaf = variants.get(name, LEAVES[name])
     role, span, limits, writable = Role.DIAGNOSTIC, None, None, False
-    if name in ("Position", "Velocity"):
+    if name in ("Position", "Velocity", "PositionNow", "VelocityNow"):
         role = Role.OUTPUT
     elif name == "Raw":
         role = Role.INPUT
@@ -137,7 +143,10 @@ def _tag(spec: AxisSpec, name: str, observer: ObserverModel) -> Tag:
         role = Role.TUNING
         writable = spec.tuning_writable and leaf.limits is not None
         limits = _limits(leaf, observer) if writable else None
-    if name in ("Position", "Raw"):
+    signal = spec.signal or SignalSpec()
+    if name in ("Position", "PositionNow"):
+        span = spec.range if signal.modulo is None else (0.0, signal.modulo)
+    elif name == "Raw" and signal.counter is None:
         span = spec.range
     unit = leaf.unit_of(spec.unit)
     return Tag(f"{spec.name}.{name}", unit, leaf.description, role, leaf.data_type, span, writable, limits)

@@ -12,11 +12,13 @@ from softplc.observers.commands import Commands
 from softplc.observers.consistency import LAMP, Consistency
 from softplc.observers.enable import Enable
 from softplc.observers.judgement import Judgement
-from softplc.observers.kernel import Flags, Given, Kernel
+from softplc.observers.kernel import Flags, Given, Kernel, Numbers
 from softplc.observers.modes import Modes
+from softplc.observers.now import Now
 from softplc.observers.published import Published
 from softplc.observers.shadow import Shadow
 from softplc.observers.timestep import TimeStep
+from softplc.observers.turns import Turns
 from softplc.sample import Reason, StatusCode, quality
 from softplc.tags import Image
 from softplc.timing import Scan
@@ -66,6 +68,10 @@ class AxisGroup:
         self._shadow = Shadow(places, self._tags) if spec.shadow else None
         own_dt = [-1 if place.shadow_dt is None else place.shadow_dt for place in places]
         self._own_dt = np.array(own_dt, np.intp) if any(index >= 0 for index in own_dt) else None
+        self._turns = (
+            Turns(places) if any(place.spec.signal and place.spec.signal.modulo for place in places) else None
+        )
+        self._now = None if spec.dead_time is None else Now(places, kernel, self._tags)
         self._inputs: Image | None = None
 
     def begin(self, scan: Scan, inputs: Image) -> None:
@@ -73,7 +79,9 @@ class AxisGroup:
         self._inputs = inputs
         self.enable.read(inputs)
         self._obey()
-        self.samples.judge(inputs, self._has_values)
+        self.samples.judge(scan, inputs, self._has_values)
+        if self.samples.signal is not None and self.samples.signal.anew is not None:
+            self._kernel.init[self.samples.signal.anew] = False
         self.time.advance(scan, self.samples, self.enable.state, self._kernel.init, self._steps_of_the_plc(inputs))
         self.modes.begin(scan, self.samples, self.time, self.enable.state)
         for row, index in self._contacts:
@@ -93,7 +101,7 @@ class AxisGroup:
         if commands.resets.any():
             self._kernel.clear(commands.resets)
             self.modes.clear(commands.resets)
-            for room in (self._consistency, self._shadow):
+            for room in (self._consistency, self._shadow, self.samples.signal):
                 if room is not None:
                     room.clear(commands.resets)
             commands.resets.fill(False)
@@ -108,6 +116,8 @@ class AxisGroup:
     def finish(self, scan: Scan, outputs: Image, results: NDArray[np.uint8], finite: NDArray[np.bool_]) -> None:
         """Write the standard tags of what the kernel did; `finite` tells where its state is a number."""
         samples, time, tags = self.samples, self.time, self._tags
+        if self._turns is not None:
+            self._turns.shift(self._kernel, samples.signal)
         usual = time.rows.all() and finite.all()
         if usual:
             for leaf, values in self._kernel.estimates.items():
@@ -122,14 +132,13 @@ class AxisGroup:
         else:
             self._explain(results, finite)
 
+        if self._now is not None:
+            self._now.publish(scan, samples, time, results, finite)
+        if self._turns is not None:
+            self._turns.wrap(tags)
+
         if "NIS" in tags:
-            innovation, S, nis = tags.row("Innovation"), tags.row("S"), tags.row("NIS")
-            np.multiply(innovation, innovation, out=nis)
-            np.divide(nis, S, out=nis, where=S > 0.0)
-            np.copyto(nis, 0.0, where=~(S > 0.0))
-            np.minimum(nis, _MOST, out=nis)  # the square may overflow where nothing else did
-            if nis.max() > _FAR_OFF:
-                self._doubt(nis > _FAR_OFF)
+            self._normalise(tags.row("Innovation"), tags.row("S"), tags.row("NIS"))
 
         if not plain or not self.modes.quiet:
             self.modes.finish(samples, time, self.enable.state, results, finite)
@@ -206,6 +215,15 @@ class AxisGroup:
             samples.status[nothing] = StatusCode.BAD_OUT_OF_RANGE
             samples.reason[lost] = Reason.NOT_FINITE
             samples.blank = nothing if samples.blank is None else samples.blank | nothing
+
+    def _normalise(self, innovation: Numbers, S: Numbers, nis: Numbers) -> None:
+        """NIS of every axis, y²/S; one that nothing explains makes its axis Uncertain."""
+        np.multiply(innovation, innovation, out=nis)
+        np.divide(nis, S, out=nis, where=S > 0.0)
+        np.copyto(nis, 0.0, where=~(S > 0.0))
+        np.minimum(nis, _MOST, out=nis)  # the square may overflow where nothing else did
+        if nis.max() > _FAR_OFF:
+            self._doubt(nis > _FAR_OFF)
 
     def _doubt(self, far: Flags) -> None:
         """A wild sample that nothing kept out is in the state: say so until the estimate has found back."""

@@ -7,8 +7,10 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from softplc.observers.axes import AxisPlace
+from softplc.observers.signal import Signal
 from softplc.sample import Reason, StatusCode
 from softplc.tags import Image
+from softplc.timing import Scan
 
 _CODE: Final = np.uint32(0xFFFF0000)  # severity and subcode; the low half holds information bits
 _BAD: Final = np.uint32(StatusCode.BAD)
@@ -39,11 +41,13 @@ _HELD_AS: Final = {
     Reason.INPUT_NOT_FINITE: StatusCode.UNCERTAIN_LAST_USABLE_VALUE,
     Reason.INPUT_OUT_OF_RANGE: StatusCode.UNCERTAIN_ENGINEERING_UNITS_EXCEEDED,
     Reason.STALE: StatusCode.UNCERTAIN_LAST_USABLE_VALUE,
+    Reason.RATE_EXCEEDED: StatusCode.UNCERTAIN_ENGINEERING_UNITS_EXCEEDED,
 }
 _NOTHING_TO_HOLD: Final = {  # for an input whose own status is not Bad
     Reason.INPUT_NOT_FINITE: StatusCode.BAD_OUT_OF_RANGE,
     Reason.INPUT_OUT_OF_RANGE: StatusCode.BAD_OUT_OF_RANGE,
     Reason.STALE: StatusCode.BAD_WAITING_FOR_INITIAL_DATA,
+    Reason.RATE_EXCEEDED: StatusCode.BAD_OUT_OF_RANGE,
 }
 
 
@@ -72,10 +76,12 @@ def _is_any(code: NDArray[np.uint32], of: Sequence[StatusCode]) -> NDArray[np.bo
 class Judgement:
     """The input samples of one scan with a verdict on each. Arrays[axes], valid until the next `judge`.
 
-    `z` float64 as read, `input_status` uint32, `timestamps` int64 ns, `arrivals` monotonic seconds;
+    `read` float64 as read, `z` what the observer gets of it (the same array where no axis has a `signal`),
+    `input_status` uint32, `timestamps` int64 ns, `arrivals` monotonic seconds;
     `usable`: the sample may enter the observer; `status` and `reason` of the outputs as far as the input decides;
     `blank`: the outputs have no value, None where every axis has one; `raw`, `raw_status`: what Raw shows.
     `limit`: the largest number that there is in the kernel's precision.
+    `signal`: the conditioning of those axes that have one, None where none has.
     """
 
     def __init__(self, places: Sequence[AxisPlace], dtype: DTypeLike) -> None:
@@ -87,7 +93,11 @@ class Judgement:
         self._high = np.array([min(high, limit) for _, high in ranges])
         self._last_arrivals = np.full(n, np.nan)
         self._flag = np.zeros(n, np.bool_)
-        self.z = np.zeros(n)
+        self.z = self.read = np.zeros(n)
+        self.signal = Signal(places) if any(place.spec.signal for place in places) else None
+        if self.signal is not None:
+            self.z = np.zeros(n)
+        self._too_fast: NDArray[np.bool_] | None = None
         self.input_status = np.zeros(n, np.uint32)
         self.timestamps = np.zeros(n, np.int64)
         self.arrivals = np.zeros(n)
@@ -95,28 +105,42 @@ class Judgement:
         self.status = np.zeros(n, np.uint32)
         self.reason = np.zeros(n, np.uint8)
         self.blank: NDArray[np.bool_] | None = None
-        self.raw, self.raw_status = self.z, self.input_status
+        self.raw, self.raw_status = self.read, self.input_status
 
-    def judge(self, inputs: Image, has_values: NDArray[np.bool_]) -> None:
+    def judge(self, scan: Scan, inputs: Image, has_values: NDArray[np.bool_]) -> None:
         """Judge the latched samples; `has_values[axes]` tells which outputs have a last value to hold."""
         self._last_arrivals, self.arrivals = self.arrivals, self._last_arrivals
-        np.take(inputs.values, self._index, out=self.z)  # raises when an index is not in the image
+        np.take(inputs.values, self._index, out=self.read)  # raises when an index is not in the image
         np.take(inputs.statuses, self._index, out=self.input_status, mode="clip")
         np.take(inputs.source_timestamps, self._index, out=self.timestamps, mode="clip")
         np.take(inputs.arrivals, self._index, out=self.arrivals, mode="clip")
-        np.greater_equal(self.z, self._low, out=self.usable)
-        np.less_equal(self.z, self._high, out=self._flag)
+        position = self.read if self.signal is None else self.signal.unwrap(scan, self)
+        np.greater_equal(position, self._low, out=self.usable)
+        np.less_equal(position, self._high, out=self._flag)
         np.logical_and(self.usable, self._flag, out=self.usable)  # false for NaN, too
         self.status.fill(StatusCode.GOOD)
         self.reason.fill(Reason.NONE)
         self.blank = None
-        self.raw, self.raw_status = self.z, self.input_status
+        self.raw, self.raw_status = self.read, self.input_status
+        if self.signal is not None:
+            self._judge_speed(self.signal)
         if self.input_status.any() or not self.usable.all():
             self._judge_closely(has_values)
+        if self.signal is not None:
+            self.signal.take(scan, self)
+
+    def _judge_speed(self, signal: Signal) -> None:
+        """Samples faster than the axis are not usable; one after many of them may be, where it is."""
+        if self.input_status.any():
+            np.logical_and(self.usable, self.input_status < _BAD, out=self.usable)
+        self._too_fast = signal.judge(self, self._low, self._high)
+        if self._too_fast is not None:
+            self._too_fast &= self.usable  # out of range says more
+            self.usable[self._too_fast] = False
 
     def _judge_closely(self, has_values: NDArray[np.bool_]) -> None:
         """Some sample is not plainly Good, finite and in range."""
-        z, own = self.z, self.input_status
+        z, own = self.read, self.input_status
         code = own & _CODE
         bad = own >= _BAD
         no_reply = _is_any(code, _LAST_USABLE) & ((self.arrivals == self._last_arrivals) | np.isnan(self.arrivals))
@@ -126,6 +150,7 @@ class Judgement:
             (_is_any(code, _CONFIGURATION), Reason.CONFIGURATION),
             (bad, Reason.INPUT_BAD),
             (~(np.abs(z) <= self.limit), Reason.INPUT_NOT_FINITE),
+            (False if self._too_fast is None else self._too_fast, Reason.RATE_EXCEEDED),
             (~self.usable, Reason.INPUT_OUT_OF_RANGE),
             (no_reply, Reason.STALE),
             (own >= np.uint32(StatusCode.UNCERTAIN), Reason.INPUT_UNCERTAIN),

@@ -73,6 +73,10 @@ class Kernel(Protocol):
         """
         ...
 
+    def shift(self, rows: Flags, by: NDArray[np.float64]) -> None:
+        """The origin of these axes moves: every position in the state, Position too, grows by `by` [n], u."""
+        ...
+
 
 class BatchState(Protocol):
     """What the adapters need of a batch kernel's state; arrays[n] that stay the same objects."""
@@ -87,6 +91,10 @@ class BatchState(Protocol):
 
     def clear(self, rows: Flags) -> None:
         """As before the first scan."""
+        ...
+
+    def shift(self, rows: Flags, by: NDArray[np.float64]) -> None:
+        """Every position grows by `by` [n], u."""
         ...
 
 
@@ -121,3 +129,7 @@ class StateKernel:
     def coast(self, dt: NDArray[np.float64], rows: Flags) -> bool:
         """Not by itself."""
         return False
+
+    def shift(self, rows: Flags, by: NDArray[np.float64]) -> None:
+        """The origin of these axes moves by -`by`, u."""
+        self._axes.shift(rows, by)

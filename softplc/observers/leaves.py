@@ -83,6 +83,11 @@ _ESTIMATES: Final = (
     Leaf("CovarianceValid", "", "P is finite and has no negative eigenvalue", DataType.BOOLEAN),
     Leaf("Dt", "s", "Time step that the observer used in this scan"),
 )
+_NOW: Final = (
+    Leaf("PositionNow", "u", "Position carried on to now, by Horizon"),
+    Leaf("VelocityNow", "u/s", "Velocity carried on to now, by Horizon"),
+    Leaf("Horizon", "s", "How far PositionNow and VelocityNow are carried on: age of the sample and dead time"),
+)
 _STATE: Final = (
     Leaf("Age", "s", "Time since the newest sample arrived"),
     Leaf("Skipped", "", "Scans without a usable sample or time step while enabled", DataType.UINT32),
@@ -162,7 +167,7 @@ _TUNING: Final = (
     Leaf("d_cutoff", "Hz", "Cutoff frequency of the velocity", limits=_ABOVE_ZERO),
 )
 
-_ALL: Final = (*_OUTPUTS, *_INPUTS, *_ESTIMATES, *_JUDGED, *_STATE, *_COMMANDS, *_CONSTANTS, *_TUNING)
+_ALL: Final = (*_OUTPUTS, *_INPUTS, *_ESTIMATES, *_NOW, *_JUDGED, *_STATE, *_COMMANDS, *_CONSTANTS, *_TUNING)
 LEAVES: Final = {leaf.name: leaf for leaf in _ALL}
 """Every leaf by its name."""
 COMMANDS: Final = tuple(leaf.name for leaf in _COMMANDS)
@@ -173,7 +178,9 @@ CONSTANTS: Final = tuple(leaf.name for leaf in _CONSTANTS)
 """Leaves that never change."""
 JUDGED: Final = tuple(leaf.name for leaf in _JUDGED)
 """Leaves that carry a status of their own: they compare the estimates, over time or with somebody else's."""
-ESTIMATES: Final = tuple(leaf.name for leaf in (*_OUTPUTS, *_ESTIMATES))
+NOW: Final = tuple(leaf.name for leaf in _NOW)
+"""Leaves of an axis with a dead time: the estimate carried on to now."""
+ESTIMATES: Final = tuple(leaf.name for leaf in (*_OUTPUTS, *_ESTIMATES, *_NOW))
 """Leaves that carry the status of the estimate, on some observer or other."""
 WRITE_BACK: Final = (*ESTIMATES, *JUDGED, "Consistency", "Quality")
 """Leaves that may be written back into a source, where the axis has them."""

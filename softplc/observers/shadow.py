@@ -36,7 +36,8 @@ class Shadow:
         self._was_enabled: Flags = np.zeros(len(places), np.bool_)
         self._pairs: list[_Pair] = []
         if "position" in spec.shadow:
-            self._pairs.append(_Pair("Position", [place.shadow_position for place in places], tags))
+            turns = [place.spec.signal.modulo if place.spec.signal else None for place in places]
+            self._pairs.append(_Pair("Position", [place.shadow_position for place in places], tags, turns))
         if "velocity" in spec.shadow:
             self._pairs.append(_Pair("Velocity", [place.shadow_velocity for place in places], tags))
 
@@ -71,12 +72,20 @@ class Shadow:
 
 
 class _Pair:
-    """One quantity, ours and the PLC's."""
+    """One quantity, ours and the PLC's; where an axis turns, differences are modulo its `turns`."""
 
-    def __init__(self, quantity: str, index: Sequence[int | None], tags: Published) -> None:
+    def __init__(
+        self,
+        quantity: str,
+        index: Sequence[int | None],
+        tags: Published,
+        turns: Sequence[float | None] = (),
+    ) -> None:
         if any(at is None for at in index):
             raise ValueError(f"expected the place of the PLC's own {quantity.lower()} among the inputs for each axis")
         self._index = np.array(index, np.intp)
+        self._turning = np.flatnonzero([turn is not None for turn in turns])
+        self._turn = np.array([turn for turn in turns if turn is not None])
         self._own = tags.row(quantity)
         self._rows = tags.rows(f"{quantity}Delta"), tags.rows(f"{quantity}DeltaMax")
         self._shown = tags.row(f"{quantity}Delta"), tags.row(f"{quantity}DeltaMax")
@@ -91,6 +100,8 @@ class _Pair:
         self._status = np.where(finite | (status >= _BAD), status, np.uint32(StatusCode.BAD_OUT_OF_RANGE))
         known = finite & (status < _BAD)
         delta = self._own - value
+        if len(self._turning):
+            delta[self._turning] -= self._turn * np.rint(delta[self._turning] / self._turn)
         np.copyto(self._last, delta, where=compared & known)
         np.copyto(self.largest, np.fmax(self.largest, np.abs(delta)), where=settled & known)
 

@@ -41,7 +41,7 @@ class TimeStep:
         self._unseen = np.zeros(n)  # measured time since the last usable sample
         self._repeated_for = np.zeros(n)
         self._ahead = np.zeros(n)  # how far the state's time is ahead of the last used sample's stamp
-        self._z = np.full(n, np.nan)  # the last used sample
+        self._read = np.full(n, np.nan)  # the last used sample
         self.arrivals = np.full(n, np.nan)
         self._gap = np.zeros(n)
         self.in_time: Flags = np.zeros(n, np.bool_)
@@ -99,7 +99,7 @@ class TimeStep:
         np.copyto(self._pending, 0.0, where=self.rows)
         np.copyto(self._unseen, 0.0, where=usable)
         np.copyto(self.timestamps, samples.timestamps, where=usable)
-        np.copyto(self._z, samples.z, where=usable)
+        np.copyto(self._read, samples.read, where=usable)
         np.copyto(self.arrivals, samples.arrivals, where=usable)
 
     def due(self, period: float, rows: Flags) -> None:
@@ -128,7 +128,7 @@ class TimeStep:
         )
         same_stamp = since == 0.0
         # A frozen stamp under a new value is a new sample with a useless stamp, not a repetition.
-        repeated = same_stamp & ((samples.arrivals == self.arrivals) | (samples.z == self._z))
+        repeated = same_stamp & ((samples.arrivals == self.arrivals) | (samples.read == self._read))
         repeated_for = np.where(repeated, self._repeated_for + elapsed, 0.0)
         np.copyto(self._repeated_for, repeated_for, where=usable)
         predict = running & repeated & self._may_predict & (repeated_for < self._held_after)

@@ -12,7 +12,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "tags.md").read_text(encoding="utf-
 
 
 def test_every_published_tag_stands_on_the_page_of_tags():
-    spec = AxisSpec("X", consistency=(200, 5), shadow=("position", "velocity"))
+    spec = AxisSpec("X", consistency=(200, 5), shadow=("position", "velocity"), dead_time=0.0)
     stops = DucekfConfig(type="ducekf", r_x=1.0, model=EndStops(type="end_stops", lower=0.0, upper=1.0))
     observers = [AoiConfig(type="aoi", r_x=1.0), stops]
     tags = [tag for observer in observers for tag in axis_tags(spec, observer)]

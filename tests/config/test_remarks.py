@@ -10,7 +10,8 @@ _SOURCE = {"name": "plc", "type": "opcua", "url": "opc.tcp://127.0.0.1:4841"}
 
 def told(observer: dict[str, object], **axis: object) -> list[str]:
     given = {"name": "X", "input": {"source": "plc", "node": "ns=2;s=X"}, **axis}
-    tuned = {"type": "aoi", **({} if "R" in observer else {"r_x": 1.0}), **observer}
+    others = observer.get("type", "aoi") in ("fb_kalman", "alpha_beta", "one_euro")
+    tuned = {"type": "aoi", **({} if others else {"r_x": 1.0}), **observer}
     return remarks(Config.model_validate({"sources": (_SOURCE,), "axes": ({**given, "observer": tuned},)}))
 
 
@@ -41,3 +42,31 @@ def test_bleed_with_its_default_gate_is_told_what_it_does_to_ramps():
 
     assert "makes its velocity read low" in text
     assert told({"bleed": {**bleed, "bleed_gate": "velocity", "velocity_limit": 2.0}}) == []
+
+
+@pytest.mark.parametrize(
+    ("observer", "least"),
+    [
+        ({"r_x": 1e-4}, "0.000833"),
+        ({"type": "fb_kalman", "R": 1e-4}, "0.000833"),
+        ({"type": "alpha_beta", "sigma_w": 1.0, "sigma_v": 0.01}, "0.0289"),
+    ],
+)
+def test_a_measurement_noise_below_that_of_the_steps_is_told_what_the_steps_make(
+    observer: dict[str, object], least: str
+):
+    (text,) = told(observer, signal={"quantum": 0.1})
+    assert f"quantum²/12; set it to {least} or more" in text
+
+
+def test_a_noise_of_the_steps_or_more_needs_no_remark():
+    for observer in ({"r_x": 0.000833}, {"r_x": 1e-6, "min_r": 0.001}, {"r_x": 1e-6, "r_mode": "density"}):
+        assert told(observer, signal={"quantum": 0.1}) == []
+    assert told({"type": "one_euro", "beta": 1.0}, signal={"quantum": 0.1}) == []
+
+
+def test_a_top_speed_that_would_be_rejected_is_told_so():
+    adaptive = {"type": "adaptive", "r_x": 1.0, "top_speed": 500.0, "top_acceleration": 1000.0}
+    (text,) = told(adaptive, signal={"max_rate": 400.0})
+    assert "top_speed 500" in text
+    assert told(adaptive, signal={"max_rate": 600.0}) == []

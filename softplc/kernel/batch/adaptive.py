@@ -28,6 +28,7 @@ from softplc.kernel.batch.adaptive_hypotheses import (
     sum12,
     weigh,
 )
+from softplc.kernel.batch.frame import add_to
 from softplc.kernel.reference.adaptive_hypothesis import (
     CRUISE,
     HOLD,
@@ -77,6 +78,11 @@ class AdaptiveBatchState:
         self.modes[:, rows] = 0
         self.hypotheses[:, :, rows] = 0.0
         self._outputs[:, rows] = 0.0
+
+    def shift(self, rows: Flags, by: NDArray[np.float64]) -> None:
+        """The origin of these rows moves: the positions of all their hypotheses grow by `by` [n], u."""
+        self.hypotheses[AT_X][:, rows] += by[rows]
+        add_to(self.y, rows, by)
 
 
 @np.errstate(all="ignore")

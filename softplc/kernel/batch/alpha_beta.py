@@ -12,6 +12,7 @@ class AlphaBetaBatchState(Rows):
     """The state of n filters; the y and y_dot of a row are also its outputs."""
 
     NAMES = ("y", "y_dot", "x_pred", "x_dot_pred", "y_res", "S", "K0", "K1")
+    POSITIONS = ("y", "x_pred")
     x_pred: Numbers
     x_dot_pred: Numbers
     y_res: Numbers

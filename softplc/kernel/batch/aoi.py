@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from softplc.kernel.batch.aoi_steady import Steady, tuning_parts
+from softplc.kernel.batch.frame import add_to
 from softplc.kernel.batch.memory import aligned
 from softplc.kernel.result import Result
 
@@ -65,6 +66,11 @@ class AoiBatchState:
         for array in (self.init, self.dt_s, self.y, self.y_dot, self.offset, self.in_a_row):
             array[rows] = 0
         self._rows[:, rows] = 0
+
+    def shift(self, rows: Flags, by: NDArray[np.float64]) -> None:
+        """The origin of these rows moves: their positions grow by `by` [n], u, rounded once. `offset` stays."""
+        for array in (self.x_pred, self.y):
+            add_to(array, rows, by)
 
 
 class AoiTuning:

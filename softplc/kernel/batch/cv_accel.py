@@ -20,6 +20,7 @@ class CvAccelBatchState(Rows):
         *("y", "y_dot", "x_pred", "x_dot_pred", "x_ddot_pred"),
         *("P00", "P01", "P02", "P11", "P12", "P22", "K0", "K1", "K2", "S", "y_res"),
     )
+    POSITIONS = ("y", "x_pred")
     x_pred: Numbers
     x_dot_pred: Numbers
     x_ddot_pred: Numbers

@@ -12,6 +12,7 @@ class DerivativeBatchState(Rows):
     """The state of n blocks; the y and y_dot (XOUT) of a row are also its outputs."""
 
     NAMES = ("y", "y_dot", "X1", "X2", "X3", "h1", "h2")
+    POSITIONS = ("y", "X1", "X2", "X3")
     X1: Numbers
     X2: Numbers
     X3: Numbers

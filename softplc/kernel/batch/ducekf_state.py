@@ -5,6 +5,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from softplc.kernel.batch.frame import add_to
 from softplc.kernel.reference.covariance import ImpactCovariance
 from softplc.kernel.reference.ducekf import Band, ContactFrom, ImpactScan
 
@@ -68,6 +69,11 @@ class DucekfBatchState:
             numbers[rows] = 0.0
         for numbers in (self.s0, self.s1, self.wait):
             numbers[rows] = np.nan
+
+    def shift(self, rows: Flags, by: NDArray[np.float64]) -> None:
+        """The origin of these rows moves: their positions grow by `by` [n], u. The model's surfaces stay behind."""
+        for array in (self.x1, self.s0, self.s1, self.y):
+            add_to(array, rows, by)
 
 
 class DucekfBatchTuning:

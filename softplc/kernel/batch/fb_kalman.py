@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from softplc.kernel.batch.frame import add_to
 from softplc.kernel.result import Result
 
 Numbers = NDArray[Any]  # float64[n] (LREAL) or float32[n] (REAL)
@@ -55,6 +56,11 @@ class FbKalmanBatchState:
         self._rows[:, rows] = 0
         self.p_11[rows] = 1.0
         self.p_22[rows] = 1.0
+
+    def shift(self, rows: Flags, by: NDArray[np.float64]) -> None:
+        """The origin of these rows moves: their positions grow by `by` [n], u, rounded once."""
+        for array in (self.x_pos, self.y):
+            add_to(array, rows, by)
 
 
 class FbKalmanTuning:

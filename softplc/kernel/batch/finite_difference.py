@@ -12,6 +12,7 @@ class FiniteDifferenceBatchState(Rows):
     """The state of n finite differences; the y and y_dot of a row are also its outputs."""
 
     NAMES = ("y", "y_dot", "x_prev")
+    POSITIONS = ("y", "x_prev")
     x_prev: Numbers
 
 

@@ -20,10 +20,12 @@ Counts = NDArray[np.int64]
 class Rows:
     """The variables of n observers as arrays[n], named as in the reference; zero before the first scan.
 
-    `NAMES` are the numbers of a row. `samples` counts the measurements since the row started.
+    `NAMES` are the numbers of a row, `POSITIONS` those of them that are positions. `samples` counts the measurements
+    since the row started.
     """
 
     NAMES: ClassVar[tuple[str, ...]]
+    POSITIONS: ClassVar[tuple[str, ...]]
     y: Numbers
     y_dot: Numbers
 
@@ -48,6 +50,11 @@ class Rows:
         self.init[rows] = False
         self.samples[rows] = 0
         self._values[:, rows] = 0.0
+
+    def shift(self, rows: Flags, by: NDArray[np.float64]) -> None:
+        """The origin of these rows moves: every position that they hold grows by `by` [n], u, rounded once."""
+        for name in self.POSITIONS:
+            add_to(getattr(self, name), rows, by)
 
 
 class Frame:
@@ -84,6 +91,11 @@ class Frame:
         result[self.through] = Result.DT_INVALID
         result[self.disabled] = Result.DISABLED
         return result
+
+
+def add_to(array: Numbers, rows: Flags, by: NDArray[np.float64]) -> None:
+    """array[rows] + by[rows] where it is, in float64 and rounded once to the precision of the array."""
+    array[rows] = array[rows] + by[rows]
 
 
 def numbers(values: ArrayLike, dtype: DTypeLike = np.float64) -> Numbers:

@@ -11,14 +11,17 @@ from softplc.kernel.batch.frame import Counts, Flags, Frame, Numbers, Rows
 class MovingAverageBatchState(Rows):
     """The state of n moving averages; the y and y_dot of a row are also its outputs.
 
-    `X` and `DT` are the rings, arrays[longest window, n]; slots beyond a row's own window stay 0.
+    `X` and `DT` are the rings, arrays[longest window, n]; slots beyond a row's own window stay 0. `used` are those
+    that hold a sample.
     """
 
     NAMES = ("y", "y_dot")
+    POSITIONS = ("y",)
 
     def __init__(self, n: int, dtype: DTypeLike = np.float64, *, longest: int) -> None:
         super().__init__(n, dtype)
         self.head: Counts = np.zeros(n, np.int64)
+        self.used: Counts = np.zeros(n, np.int64)
         self.X: Numbers = np.zeros((longest, n), self.dtype)
         self.DT: Numbers = np.zeros((longest, n), self.dtype)
         self._sums: Numbers = np.zeros((longest, n), self.dtype)
@@ -39,8 +42,15 @@ class MovingAverageBatchState(Rows):
         """Forget everything about these rows, as before the first scan."""
         super().clear(rows)
         self.head[rows] = 0
+        self.used[rows] = 0
         self.X[:, rows] = 0.0
         self.DT[:, rows] = 0.0
+
+    def shift(self, rows: Flags, by: NDArray[np.float64]) -> None:
+        """The origin of these rows moves: the samples in their rings grow by `by` [n], u."""
+        super().shift(rows, by)
+        held = rows & (np.arange(len(self.X))[:, np.newaxis] < self.used)
+        np.add(self.X, by, out=self.X, where=held, casting="same_kind")
 
     def sum(self, ring: Numbers) -> Numbers:
         """Sum of each row's ring in the order of the slots: `accumulate` adds one after the other by definition."""
@@ -88,4 +98,6 @@ def step(
     np.copyto(state.y, scan.x, where=scan.start)
     np.copyto(state.y_dot, 0.0, where=scan.start)
 
-    return scan.finish(state, warm=window + 1)
+    result = scan.finish(state, warm=window + 1)
+    np.minimum(state.samples, window, out=state.used)
+    return result

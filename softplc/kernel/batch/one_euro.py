@@ -13,6 +13,7 @@ class OneEuroBatchState(Rows):
     """The state of n filters; the y and y_dot of a row are also its outputs."""
 
     NAMES = ("y", "y_dot", "x_prev", "x_hat", "dx_hat", "cutoff")
+    POSITIONS = ("y", "x_prev", "x_hat")
     x_prev: Numbers
     x_hat: Numbers
     dx_hat: Numbers

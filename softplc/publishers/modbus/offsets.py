@@ -153,6 +153,7 @@ AXIS: Final = Frame(
     range(50, 64),
     frozenset(
         {"K2", "P02", "P12", "P22", "LowerStop", "UpperStop", "Skipped", "Reset"}
+        | {"PositionNow", "VelocityNow", "Horizon"}
         | {"min_r", "GateSigma", "GateMost", "BleedOn", "BleedVelocity"}
         | {"HoldProbability", "CruiseProbability", "ManoeuvreProbability"}
         | {"NISLow", "NISHigh", "AutocorrelationMax", "AutocorrelationLimit", "MinEigenvalue", "CovarianceValid"}
