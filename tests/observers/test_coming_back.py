@@ -9,7 +9,7 @@ from softplc.observers.aoi import AoiConfig
 from softplc.observers.aoi_options import Gate
 from softplc.sample import AxisState, Reason
 from tests.observers.rig import CONFIG, make_rig
-from tests.observers.test_modes import SPEC, S, ramp, running, state
+from tests.observers.test_modes import SPEC, SPEED, S, ramp, running, state
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 8])
