@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
 import structlog
 
 from softplc.observers.axes import AxisPlace
@@ -34,7 +35,7 @@ class _Parked:
 
 @dataclass(slots=True)
 class _Group:
-    """Axes, by number, that one observer steps together."""
+    """Axes, by number and in their order, that one observer steps together."""
 
     axes: list[int]
     observer: AxisObserver
@@ -107,22 +108,20 @@ class IsolatingObserver:
             self._groups.append(_Group(axes, observer))
 
     def _guilty(self, axes: list[int], group: _Group, scan: Scan, inputs: Image, outputs: Image) -> list[int]:
-        """The axes that raise by themselves in this scan."""
-        try:
-            self._fresh(axes, group, ramp=True).step(scan, inputs, outputs)
-        except Exception:  # to find it is what this is for; the first one was logged
-            if len(axes) == 1:
-                return axes
-            half = len(axes) // 2
-            return [
-                one for part in (axes[:half], axes[half:]) for one in self._guilty(part, group, scan, inputs, outputs)
-            ]
-        return []
+        """The axes that raise by themselves in this scan, of some that raised together."""
+        half, guilty = max(len(axes) // 2, 1), []
+        for part in (axes[:half], axes[half:]):
+            try:
+                if part:
+                    self._fresh(part, group, ramp=True).step(scan, inputs, outputs)
+            except Exception:  # to find it is what this is for; the first one was logged
+                guilty += part if len(part) == 1 else self._guilty(part, group, scan, inputs, outputs)
+        return guilty
 
     def _fresh(self, axes: list[int], group: _Group, *, ramp: bool) -> AxisObserver:
         """An observer of these axes that starts anew, with what clients have written."""
         observer = self._build([self._places[axis] for axis in axes], [self._configs[axis] for axis in axes])
-        observer.succeed(group.observer, [group.axes.index(axis) for axis in axes], ramp=ramp)
+        observer.succeed(group.observer, np.searchsorted(group.axes, axes), ramp=ramp)
         return observer
 
     def _park(self, axis: int, group: _Group, scan: Scan, outputs: Image) -> None:

@@ -157,21 +157,20 @@ class AxisGroup:
         tags.row("Reset")[:] = self.commands.reset_state
         tags.write(scan, outputs, samples, self.modes.stamps(samples, time))
 
-    def succeed(self, other: "AxisGroup", rows: Sequence[int], *, ramp: bool) -> None:
+    def succeed(self, other: "AxisGroup", rows: NDArray[np.intp], *, ramp: bool) -> None:
         """Go on for these axes of another group, whose state is lost; `ramp`: from the positions that they had."""
-        these = list(rows)
-        self.enable.state[:] = other.enable.state[these]
-        self.commands.reset_state[:] = other.commands.reset_state[these]
-        self.time.skipped[:] = other.time.skipped[these]
+        self.enable.state[:] = other.enable.state[rows]
+        self.commands.reset_state[:] = other.commands.reset_state[rows]
+        self.time.skipped[:] = other.time.skipped[rows]
         for leaf, values in self._kernel.tuning.items():
-            values[:] = other._kernel.tuning[leaf][these]
+            values[:] = other._kernel.tuning[leaf][rows]
             self._tags.row(leaf)[:] = values
-        self._arrivals[:], self._started = other._arrivals[these], other._started
-        self.time.timestamps[:] = other.time.timestamps[these]
+        self._arrivals[:], self._started = other._arrivals[rows], other._started
+        self.time.timestamps[:] = other.time.timestamps[rows]
         if ramp:
-            self._tags.adopt(other._tags, these)
-            self._has_values[:] = other._has_values[these]
-        self.modes.resume(other.modes, these)
+            self._tags.adopt(other._tags, rows)
+            self._has_values[:] = other._has_values[rows]
+        self.modes.resume(other.modes, rows)
 
     def park(self, outputs: Image) -> None:
         """Every estimate is NaN and BadInternalError from here; Raw stays as it was last."""

@@ -71,9 +71,9 @@ class Modes:
         self._left[rows] = 0
         self._all_run = False
 
-    def resume(self, other: "Modes", axes: Sequence[int]) -> None:
+    def resume(self, other: "Modes", axes: NDArray[np.intp]) -> None:
         """Go on for these axes of another group, whose state is lost: those that ran come back as after an outage."""
-        self._ran[:] = self._out[:] = other._ran[list(axes)]
+        self._ran[:] = self._out[:] = other._ran[axes]
         self.state[:] = np.where(self._values, AxisState.HOLD, AxisState.INIT)
 
     def begin(self, scan: Scan, samples: Judgement, time: TimeStep, enabled: Flags) -> None:

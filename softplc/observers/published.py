@@ -70,9 +70,9 @@ class Published:
         """Statuses[axes] of judged tags; their values are NaN where it is Bad."""
         self._statuses[rows] = status
 
-    def adopt(self, other: "Published", axes: Sequence[int]) -> None:
+    def adopt(self, other: "Published", axes: NDArray[np.intp]) -> None:
         """The estimates of these axes of another group of the same tags."""
-        self._values[self._estimates] = other._values[self._estimates][:, list(axes)]
+        self._values[self._estimates] = other._values[self._estimates][:, axes]
 
     def retuned(self, leaf: str, axis: int, value: float) -> None:
         """A tuning tag shows another value from the next `write` on."""

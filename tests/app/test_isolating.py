@@ -1,6 +1,6 @@
 """One axis of a hundred fails: it is parked, the others go on; restarts are few, and then none."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,6 +20,13 @@ from tests.observers.rig import Rig, make_rig
 N = 100
 SETTLED = 3
 POISON = 666.0  # the measurement at which the kernel raises
+
+
+@pytest.fixture(autouse=True)
+def lines() -> Iterator[list[Any]]:
+    """The log; nothing is printed."""
+    with structlog.testing.capture_logs() as captured:
+        yield captured
 
 
 @dataclass
@@ -116,11 +123,10 @@ def test_a_parked_axis_is_restarted_after_a_pause_and_settles():
     assert [rig.outcome(axis)[0] for axis in range(8)] == [StatusCode.GOOD] * 8
 
 
-def test_an_axis_that_fails_again_and_again_is_restarted_three_times_and_then_parked_for_good():
+def test_an_axis_that_fails_again_and_again_is_restarted_three_times_and_then_parked_for_good(lines: list[Any]):
     rig = rig_of(Faults(), OBSERVERS["aoi"], 4)
-    with structlog.testing.capture_logs() as lines:
-        ramp(rig, 10, 4)
-        ramp(rig, round(30.0 / rig.period), 4, 2)
+    ramp(rig, 10, 4)
+    ramp(rig, round(30.0 / rig.period), 4, 2)
 
     restarts = [line for line in lines if line["event"] == "axis restarted"]
     parked = [line["restart_in"] for line in lines if line["event"] == "axis parked"]

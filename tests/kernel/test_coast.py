@@ -319,7 +319,7 @@ def _in(state: Any, path: str, row: int) -> float:
 
 
 @pytest.mark.parametrize("name", KINDS)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(data=st.data())
 def test_steps_and_coasts_in_any_order_are_the_same_numbers_as_scalars_and_as_arrays(name: str, data: st.DataObject):
     kind = KINDS[name]

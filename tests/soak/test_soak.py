@@ -9,7 +9,7 @@ from tests.soak.run import OBSERVERS, soak
 
 @pytest.mark.parametrize("name", OBSERVERS)
 def test_whatever_the_samples_are_every_status_is_right_and_the_state_is_finite(name: str):
-    report = soak(name, 2500, seed=7)
+    report = soak(name, 1500, seed=7)
     assert report.wrong == ()
 
 
