@@ -58,7 +58,7 @@ def seen(client: ModbusTcpClient, axis: str) -> tuple[float, float, float, bool]
 def test_an_encoder_that_rolls_over_both_ways_makes_no_spike(
     own: ModbusTcpClient, axis: str, span: float, fastest: float, turn: float
 ):
-    """A rollover taken for motion would be 3277 mm/s, or 18 000 deg/s, for a scan."""
+    """A rollover taken for motion would double the velocity, and the position would jump by a span."""
     up = down = 0
     before: tuple[float, float, float] | None = None
     places: list[float] = []
