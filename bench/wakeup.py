@@ -7,29 +7,28 @@ Prints lateness percentiles in µs and their ratios. `--hog` keeps one core busy
 import argparse
 import asyncio
 import multiprocessing
-import time
 from collections.abc import Awaitable, Callable
 
 import numpy as np
 
-from softplc.clock import SystemClock
+from softplc.clock import SystemClock, monotonic
 from softplc.timing import next_deadline
 
 _SLICE = 1.0  # seconds that each method runs before the other has its turn
 
 
 async def _lateness(sleep_until: Callable[[float], Awaitable[None]], period: float, seconds: float) -> list[float]:
-    start = time.monotonic()
+    start = monotonic()
     late = []
-    while (now := time.monotonic()) < start + seconds:
+    while (now := monotonic()) < start + seconds:
         deadline, _ = next_deadline(start, period, now)
         await sleep_until(deadline)
-        late.append(time.monotonic() - deadline)
+        late.append(monotonic() - deadline)
     return late
 
 
 async def _asyncio_sleep(deadline: float) -> None:
-    await asyncio.sleep(deadline - time.monotonic())
+    await asyncio.sleep(deadline - monotonic())
 
 
 async def _measure(period: float, seconds: float) -> dict[str, list[float]]:
@@ -39,8 +38,8 @@ async def _measure(period: float, seconds: float) -> dict[str, list[float]]:
         "SystemClock": clock.sleep_until,
     }
     late: dict[str, list[float]] = {name: [] for name in methods}
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
+    end = monotonic() + seconds
+    while monotonic() < end:
         for name, method in methods.items():
             late[name] += await _lateness(method, period, _SLICE)
     clock.close()
@@ -48,8 +47,8 @@ async def _measure(period: float, seconds: float) -> dict[str, list[float]]:
 
 
 def _hog(seconds: float) -> None:
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
+    end = monotonic() + seconds
+    while monotonic() < end:
         pass
 
 

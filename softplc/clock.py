@@ -3,6 +3,10 @@
 SystemClock wakes by timerfd in the event loop. `asyncio.sleep` rounds up to epoll's milliseconds and is late
 by 0.7 to 1.4 ms in the median; a timerfd with an absolute deadline is late by 0.1 to 0.2 ms on stock Linux
 (bench/wakeup.py measures it here). Where there is no timerfd, `loop.call_at` serves.
+
+Monotonic time is CLOCK_BOOTTIME where the system has it: CLOCK_MONOTONIC, and the time for which the machine was
+suspended. So a sleep of the machine is in the Δt of the next scan and in the age of every sample, as any gap is, and
+no place has to add it. The event loop's own timeouts do not count it: they bound waiting, not age.
 """
 
 import asyncio
@@ -18,11 +22,23 @@ from typing import Protocol
 _SETTLE_TURNS = 20  # turns of the loop that everyone gets before virtual time moves on
 
 
+def monotonic() -> float:
+    """Seconds of CLOCK_BOOTTIME, of CLOCK_MONOTONIC where there is none: what SystemClock counts."""
+    return time.clock_gettime(_CLOCK)
+
+
+_CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
+
+
 class Clock(Protocol):
     """Time as the engine sees it. Seconds are floats on the monotonic clock; `utc_ns` is wall time."""
 
     def monotonic(self) -> float:
-        """Seconds since an arbitrary start; never steps, never goes back."""
+        """Seconds since an arbitrary start; never steps, never goes back; runs on while the machine is suspended."""
+        ...
+
+    def suspended(self) -> float:
+        """Seconds of `monotonic` that the machine was suspended for; only a difference of two calls means anything."""
         ...
 
     def utc_ns(self) -> int:
@@ -74,8 +90,12 @@ class SystemClock:
         self._alarm: _TimerFd | _LoopTimer | None = None
 
     def monotonic(self) -> float:
-        """Seconds of CLOCK_MONOTONIC."""
-        return time.monotonic()
+        """Seconds of CLOCK_BOOTTIME, of CLOCK_MONOTONIC where there is none."""
+        return monotonic()
+
+    def suspended(self) -> float:
+        """CLOCK_BOOTTIME − CLOCK_MONOTONIC; always 0 where the system does not tell."""
+        return monotonic() - time.monotonic()
 
     def utc_ns(self) -> int:
         """Nanoseconds of CLOCK_REALTIME."""
@@ -104,12 +124,12 @@ class SystemClock:
 
     def _on_alarm(self) -> None:
         self._armed = None
-        self._sleepers.wake(time.monotonic())
+        self._sleepers.wake(monotonic())
         self._arm()
 
 
 class _TimerFd:
-    """A Linux timerfd on CLOCK_MONOTONIC with absolute deadlines, read by the event loop."""
+    """A Linux timerfd on CLOCK_BOOTTIME with absolute deadlines, read by the event loop."""
 
     def __init__(self, fd: int, settime: Callable[[int, float], None], callback: Callable[[], None]) -> None:
         self._fd, self._settime, self._callback = fd, settime, callback
@@ -142,7 +162,7 @@ class _LoopTimer:
 
     def arm(self, deadline: float) -> None:
         self.close()
-        delay = max(deadline - time.monotonic(), 0.0)
+        delay = max(deadline - monotonic(), 0.0)
         self._handle = self._loop.call_later(delay, self._callback)
 
     def close(self) -> None:
@@ -163,10 +183,10 @@ def _open_alarm(callback: Callable[[], None]) -> "_TimerFd | _LoopTimer":
         return _LoopTimer(callback)
     if sys.version_info >= (3, 13):
         flags = os.TFD_NONBLOCK | os.TFD_CLOEXEC
-        fd = os.timerfd_create(time.CLOCK_MONOTONIC, flags=flags)
+        fd = os.timerfd_create(_CLOCK, flags=flags)
         return _TimerFd(fd, _settime_os, callback)
     libc = ctypes.CDLL(None, use_errno=True)
-    fd = libc.timerfd_create(time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)
+    fd = libc.timerfd_create(_CLOCK, os.O_NONBLOCK | os.O_CLOEXEC)
     if fd < 0:
         return _LoopTimer(callback)
 
@@ -195,6 +215,7 @@ class VirtualClock:
 
     def __init__(self, start: float = 0.0, utc_ns: int = 1_700_000_000_000_000_000) -> None:
         self._now = start
+        self._suspended = 0.0
         self._utc_offset_ns = utc_ns - round(start * 1e9)
         self._sleepers = _Sleepers()
         self._scheduled = False
@@ -210,6 +231,15 @@ class VirtualClock:
     def advance(self, seconds: float) -> None:
         """Let time pass, as work does that takes this long."""
         self._now += seconds
+
+    def suspended(self) -> float:
+        """Virtual seconds in which the machine was suspended."""
+        return self._suspended
+
+    def suspend(self, seconds: float) -> None:
+        """The machine sleeps for so long, and every process with it."""
+        self._now += seconds
+        self._suspended += seconds
 
     def step_utc(self, seconds: float) -> None:
         """Set the wall clock forward or back, as an NTP step does; monotonic time does not move."""
