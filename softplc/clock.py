@@ -19,6 +19,7 @@ from collections.abc import Callable
 from itertools import count
 from typing import Protocol
 
+_READ_TRIES = 10
 _SETTLE_TURNS = 20  # turns of the loop that everyone gets before virtual time moves on
 
 
@@ -38,7 +39,7 @@ class Clock(Protocol):
         ...
 
     def suspended(self) -> float:
-        """Seconds of `monotonic` that the machine was suspended for; only a difference of two calls means anything."""
+        """Seconds of `monotonic` for which the machine was suspended, from an arbitrary start."""
         ...
 
     def utc_ns(self) -> int:
@@ -94,8 +95,12 @@ class SystemClock:
         return monotonic()
 
     def suspended(self) -> float:
-        """CLOCK_BOOTTIME − CLOCK_MONOTONIC; always 0 where the system does not tell."""
-        return monotonic() - time.monotonic()
+        """CLOCK_BOOTTIME − CLOCK_MONOTONIC, to a millisecond; always 0 where the system does not tell."""
+        for _ in range(_READ_TRIES):  # this process may have to pause between the two readings
+            before, here = time.monotonic(), monotonic()
+            if time.monotonic() - before < 1e-3:
+                break
+        return here - before
 
     def utc_ns(self) -> int:
         """Nanoseconds of CLOCK_REALTIME."""

@@ -28,8 +28,9 @@ class AxisSpec:
     `held_after`: repetition after which `predict` takes a value as held. `reinit_after`: time without a usable
     sample, beside the task's period, after which the observer starts anew. `skipped_time`: what becomes of the time
     of scans without a usable sample; `lose` only with `dt_source` scan. `tuning_writable`: clients may write the
-    tuning. `consistency`: window and lags of the consistency tags, None for none. `shadow`: which of position and
-    velocity the PLC estimates itself; `shadow_settling`: time after a start before their largest differences count.
+    tuning. `writes`: outputs are written into a source. `consistency`: window and lags of the consistency tags, None
+    for none. `shadow`: which of position and velocity the PLC estimates itself; `shadow_settling`: time after a start
+    before their largest differences count.
     """
 
     name: str
@@ -43,6 +44,7 @@ class AxisSpec:
     reinit_after: float = 1.0
     skipped_time: SkippedTime = "accumulate"
     tuning_writable: bool = False
+    writes: bool = False
     consistency: tuple[int, int] | None = None
     shadow: tuple[Literal["position", "velocity"], ...] = ()
     shadow_settling: float = 0.0
@@ -102,7 +104,16 @@ def leaves_of(spec: AxisSpec, observer: ObserverModel) -> tuple[str, ...]:
     judged = consistency_leaves(observer.estimates) if spec.consistency else ()
     for quantity in spec.shadow:
         judged += (f"{quantity.capitalize()}Delta", f"{quantity.capitalize()}DeltaMax")
-    state = ("Dt", "Age", "Skipped", "Quality", "Reason", "Enabled", *COMMANDS)
+    state = (
+        "Dt",
+        "Age",
+        "Skipped",
+        "Quality",
+        "Reason",
+        "Enabled",
+        *(["WriteState"] if spec.writes else []),
+        *COMMANDS,
+    )
     return ("Position", "Velocity", "Raw", *observer.estimates, *judged, *state, *observer.tuning)
 
 
