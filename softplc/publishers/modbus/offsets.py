@@ -83,10 +83,10 @@ SOURCE: Final = Frame(
         "WriteErrors": 10,
         "ReadTime": 12,
         "Age": 14,
-        "WriteMismatches": 19,
     },
     (),
     range(16, 20),
+    frozenset({"WriteMismatches"}),
 )
 AXIS: Final = Frame(
     AXES,
