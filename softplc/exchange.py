@@ -117,7 +117,9 @@ class Writer:
         self._sequences = [int(sequence) % _LARGEST for sequence in self._memory.integers[:, 0]]
         self._tail = int(self._memory.header[_COMMAND_TAIL])
         self._senseless: int | None = None
-        if not 0 <= self._waiting() < COMMANDS:  # of a predecessor's commands nothing is left that makes sense
+        if not (
+            0 <= self._waiting() < COMMANDS and 0 <= self._tail < _LARGEST
+        ):  # of a predecessor's commands nothing is left that makes sense
             self._tail = int(self._memory.header[_COMMAND_HEAD]) % _LARGEST
             self._memory.header[_COMMAND_TAIL] = self._tail
 
@@ -143,6 +145,8 @@ class Writer:
         of the ring is refused, once for each; the gateway puts it right before its next command.
         """
         memory, waiting = self._memory, self._waiting()
+        if memory.header[_COMMAND_TAIL] != self._tail:  # where we are is ours to say
+            memory.header[_COMMAND_TAIL] = self._tail
         if waiting == 0:
             self._senseless = None
             return []
@@ -202,7 +206,7 @@ class Reader:
         head, tail = int(header[_COMMAND_HEAD]), int(header[_COMMAND_TAIL])
         if not 0 <= head - tail < COMMANDS:  # another gateway's ruins
             head = tail
-        if head - tail >= COMMANDS - 1:
+        if head - tail >= COMMANDS - 1 or not 0 <= tail < _LARGEST:
             return False
         slot = head % COMMANDS
         self._memory.command_index[slot] = index

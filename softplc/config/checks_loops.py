@@ -30,8 +30,8 @@ def loops(spans: list[Span]) -> Iterator[Problem]:
             text = f"{span.label} is also read ({same.tag}, line {same.line}), which closes a loop, {_RIGHT}"
         elif alike is not None:
             text = (
-                f"{span.label} may be {alike.label}, which is read ({alike.tag}, line {alike.line}), and close a loop: "
-                f"an index and a URI may mean one namespace, expected both spelled alike, or {_RIGHT[9:]}"
+                f"{span.label} may be {alike.label}, which is read ({alike.tag}, line {alike.line}), and close a "
+                f"loop: an index and a URI may mean one namespace, expected both spelled alike, or {_RIGHT[9:]}"
             )
         else:
             continue
