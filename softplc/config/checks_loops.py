@@ -24,8 +24,9 @@ def loops(spans: list[Span]) -> Iterator[Problem]:
         if span.tag.role != "write_back":
             continue
         others = [other for place in span.places for other in reader[span.device, _loosely(span), place]]
-        same = next((other for other in others if other.table == span.table), None)
-        alike = next((other for other in others if _may_be_one(span, other)), None)
+        others = [other for other in others if _may_be_one(span, other)]
+        same = next((other for other in others if _address(other) == _address(span)), None)
+        alike = next(iter(others), None)
         if same is not None:
             text = f"{span.label} is also read ({same.tag}, line {same.line}), which closes a loop, {_RIGHT}"
         elif alike is not None:
@@ -39,14 +40,19 @@ def loops(spans: list[Span]) -> Iterator[Problem]:
         yield Problem(*at(node, span.tag.block), (*span.tag.path, key_of(span.tag)), text)
 
 
+def _address(span: Span) -> Any:
+    """The table of registers, or the node without the array index."""
+    return span.table[0] if isinstance(span.table, tuple) else span.table
+
+
 def _loosely(span: Span) -> Any:
     """What two spellings of one variable have in common: everything but namespaces and array index."""
-    address = span.table[0] if isinstance(span.table, tuple) else None
+    address = _address(span)
     if isinstance(address, NodeIdAddress):
         return "node id", type(address.identifier), address.identifier
     if isinstance(address, BrowsePathAddress):
         return "path", tuple(name for _, name in address.steps)
-    return span.table
+    return address
 
 
 def _may_be_one(span: Span, other: Span) -> bool:

@@ -118,7 +118,7 @@ class WriteBack(Model):
     def _verifies_what_it_says(self) -> Self:
         unused = [key for key in ("tolerance", "verify_within_ms") if key in self.model_fields_set]
         if unused and not self.verify:
-            raise ValueError(f"{unused[0]} without verify: true, expected both or neither")
+            raise ValueError(f"{unused[0]} without verify: true, expected verify: true, or no {unused[0]}")
         return self
 
     @property
