@@ -283,6 +283,12 @@ class OpcUaDriver:
         if due and (self._chores is None or self._chores.done()):
             self._chores_at = now + REBIND
             self._chores = asyncio.get_running_loop().create_task(self._do_chores(), name="opcua chores")
+            self._chores.add_done_callback(self._chores_done)
+
+    def _chores_done(self, chores: "asyncio.Task[None]") -> None:
+        error = None if chores.cancelled() else chores.exception()
+        if error is not None:
+            self._fault = LinkError(f"{self._session.url}: a defect: {error!r}")
 
     async def _do_chores(self) -> None:
         try:
