@@ -8,13 +8,12 @@ import argparse
 import asyncio
 import logging
 import multiprocessing
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from softplc.clock import SystemClock
+from softplc.clock import SystemClock, monotonic
 from softplc.timing import next_deadline
 
 _PERIOD = 0.01
@@ -68,12 +67,12 @@ def _client_process(port: int, ready: Any, stop: Any) -> None:
 async def _scan(seconds: float) -> list[float]:
     """Measured intervals of a bare 10 ms task, in seconds."""
     clock = SystemClock()
-    start = previous = time.monotonic()
+    start = previous = monotonic()
     intervals = []
     while previous < start + seconds:
-        deadline, _ = next_deadline(start, _PERIOD, time.monotonic())
+        deadline, _ = next_deadline(start, _PERIOD, monotonic())
         await clock.sleep_until(deadline)
-        now = time.monotonic()
+        now = monotonic()
         intervals.append(now - previous)
         previous = now
     clock.close()

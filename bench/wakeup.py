@@ -10,12 +10,11 @@ import asyncio
 import multiprocessing
 import shutil
 import subprocess
-import time
 from collections.abc import Awaitable, Callable
 
 import numpy as np
 
-from softplc.clock import SystemClock
+from softplc.clock import SystemClock, monotonic
 from softplc.timing import next_deadline
 
 _SLICE = 2.0  # seconds that each method runs before the other has its turn
@@ -23,17 +22,17 @@ _WORST = 200_000  # µs that cyclictest's histogram reaches to
 
 
 async def _lateness(sleep_until: Callable[[float], Awaitable[None]], period: float, seconds: float) -> list[float]:
-    start = time.monotonic()
+    start = monotonic()
     late = []
-    while (now := time.monotonic()) < start + seconds:
+    while (now := monotonic()) < start + seconds:
         deadline, _ = next_deadline(start, period, now)
         await sleep_until(deadline)
-        late.append(time.monotonic() - deadline)
+        late.append(monotonic() - deadline)
     return late
 
 
 async def _asyncio_sleep(deadline: float) -> None:
-    await asyncio.sleep(deadline - time.monotonic())
+    await asyncio.sleep(deadline - monotonic())
 
 
 def _cyclictest(period: float, seconds: float) -> list[float]:
@@ -66,16 +65,16 @@ def _measure(period: float, seconds: float) -> dict[str, list[float]]:
     if shutil.which("cyclictest"):
         methods["cyclictest"] = lambda: _cyclictest(period, _SLICE)
     late: dict[str, list[float]] = {name: [] for name in methods}
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
+    end = monotonic() + seconds
+    while monotonic() < end:
         for name, method in methods.items():
             late[name] += method()
     return late
 
 
 def _hog(seconds: float) -> None:
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
+    end = monotonic() + seconds
+    while monotonic() < end:
         pass
 
 

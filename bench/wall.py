@@ -23,6 +23,8 @@ from typing import Any
 
 import numpy as np
 
+from softplc.clock import monotonic
+
 SPAWN = multiprocessing.get_context("spawn")
 _ROOM = 200_000  # starts of scans that are kept
 _SOCKETS = 1000
@@ -86,11 +88,11 @@ def bare_process(period: float, record: Any, stop: Any) -> None:
 
     async def run() -> None:
         clock = SystemClock()
-        start = time.monotonic()
+        start = monotonic()
         while not stop.is_set():
-            deadline, _ = next_deadline(start, period, time.monotonic())
+            deadline, _ = next_deadline(start, period, monotonic())
             await clock.sleep_until(deadline)
-            _note(record, time.monotonic())
+            _note(record, monotonic())
 
     asyncio.run(run())
 
@@ -269,11 +271,11 @@ def measure(plant: Plant, seconds: float, rounds: int) -> dict[tuple[str, str], 
     for _ in range(rounds):
         for condition, make in CONDITIONS.items():
             with contextlib.ExitStack() as stack:
-                since = time.monotonic()
+                since = monotonic()
                 stack.enter_context(make(plant))
                 if condition != "killed, restarted":
-                    since = time.monotonic()
-                time.sleep(max(since + seconds / rounds - time.monotonic(), 0.5))
+                    since = monotonic()
+                time.sleep(max(since + seconds / rounds - monotonic(), 0.5))
                 for name in plant.records:
                     found.setdefault((condition, name), []).extend(plant.intervals(name, since))
     return found

@@ -4,6 +4,10 @@ SystemClock wakes by timerfd in the event loop. `asyncio.sleep` rounds up to epo
 by 0.7 to 1.4 ms in the median; a timerfd with an absolute deadline is late by 0.1 to 0.2 ms on stock Linux, most of
 which is always the same and can be set the alarm ahead by (bench/wakeup.py measures it here). Where there is no
 timerfd, `loop.call_at` serves.
+
+Monotonic time is CLOCK_BOOTTIME where the system has it: CLOCK_MONOTONIC, and the time for which the machine was
+suspended. So a sleep of the machine is in the Δt of the next scan and in the age of every sample, as any gap is, and
+no place has to add it. The event loop's own timeouts do not count it: they bound waiting, not age.
 """
 
 import asyncio
@@ -19,14 +23,27 @@ from typing import Protocol
 _LEAD_MOST = 200e-6  # seconds that the alarm is set ahead at most …
 _LEAD_SHARE = 0.01  # … and as a part of the time to sleep: what is too early is waited for in a busy loop
 _LEAD_STEP = 10e-6
+_READ_TRIES = 10
 _SETTLE_TURNS = 20  # turns of the loop that everyone gets before virtual time moves on
+
+
+def monotonic() -> float:
+    """Seconds of CLOCK_BOOTTIME, of CLOCK_MONOTONIC where there is none: what SystemClock counts."""
+    return time.clock_gettime(_CLOCK)
+
+
+_CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
 
 
 class Clock(Protocol):
     """Time as the engine sees it. Seconds are floats on the monotonic clock; `utc_ns` is wall time."""
 
     def monotonic(self) -> float:
-        """Seconds since an arbitrary start; never steps, never goes back."""
+        """Seconds since an arbitrary start; never steps, never goes back; runs on while the machine is suspended."""
+        ...
+
+    def suspended(self) -> float:
+        """Seconds of `monotonic` for which the machine was suspended, from an arbitrary start."""
         ...
 
     def utc_ns(self) -> int:
@@ -83,8 +100,16 @@ class SystemClock:
         self._alarm: _TimerFd | _LoopTimer | None = None
 
     def monotonic(self) -> float:
-        """Seconds of CLOCK_MONOTONIC."""
-        return time.monotonic()
+        """Seconds of CLOCK_BOOTTIME, of CLOCK_MONOTONIC where there is none."""
+        return monotonic()
+
+    def suspended(self) -> float:
+        """CLOCK_BOOTTIME − CLOCK_MONOTONIC, to a millisecond; always 0 where the system does not tell."""
+        for _ in range(_READ_TRIES):  # this process may have to pause between the two readings
+            before, here = time.monotonic(), monotonic()
+            if time.monotonic() - before < 1e-3:
+                break
+        return here - before
 
     def utc_ns(self) -> int:
         """Nanoseconds of CLOCK_REALTIME."""
@@ -109,21 +134,21 @@ class SystemClock:
         if self._alarm is None:
             self._alarm = _open_alarm(self._on_alarm)
         self._armed = deadline
-        self._lead = max(min(self._late, _LEAD_MOST, _LEAD_SHARE * (deadline - time.monotonic())), 0.0)
+        self._lead = max(min(self._late, _LEAD_MOST, _LEAD_SHARE * (deadline - monotonic())), 0.0)
         self._alarm.arm(deadline - self._lead)
 
     def _on_alarm(self) -> None:
-        now, deadline, self._armed = time.monotonic(), self._armed, None
+        now, deadline, self._armed = monotonic(), self._armed, None
         if deadline is not None:
             self._late += _LEAD_STEP if now > deadline - self._lead + self._late else -_LEAD_STEP
             while now < deadline:
-                now = time.monotonic()
+                now = monotonic()
         self._sleepers.wake(now)
         self._arm()
 
 
 class _TimerFd:
-    """A Linux timerfd on CLOCK_MONOTONIC with absolute deadlines, read by the event loop."""
+    """A Linux timerfd on CLOCK_BOOTTIME with absolute deadlines, read by the event loop."""
 
     def __init__(self, fd: int, settime: Callable[[int, float], None], callback: Callable[[], None]) -> None:
         self._fd, self._settime, self._callback = fd, settime, callback
@@ -156,7 +181,7 @@ class _LoopTimer:
 
     def arm(self, deadline: float) -> None:
         self.close()
-        delay = max(deadline - time.monotonic(), 0.0)
+        delay = max(deadline - monotonic(), 0.0)
         self._handle = self._loop.call_later(delay, self._callback)
 
     def close(self) -> None:
@@ -177,10 +202,10 @@ def _open_alarm(callback: Callable[[], None]) -> "_TimerFd | _LoopTimer":
         return _LoopTimer(callback)
     if sys.version_info >= (3, 13):
         flags = os.TFD_NONBLOCK | os.TFD_CLOEXEC
-        fd = os.timerfd_create(time.CLOCK_MONOTONIC, flags=flags)
+        fd = os.timerfd_create(_CLOCK, flags=flags)
         return _TimerFd(fd, _settime_os, callback)
     libc = ctypes.CDLL(None, use_errno=True)
-    fd = libc.timerfd_create(time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)
+    fd = libc.timerfd_create(_CLOCK, os.O_NONBLOCK | os.O_CLOEXEC)
     if fd < 0:
         return _LoopTimer(callback)
 
@@ -209,6 +234,7 @@ class VirtualClock:
 
     def __init__(self, start: float = 0.0, utc_ns: int = 1_700_000_000_000_000_000) -> None:
         self._now = start
+        self._suspended = 0.0
         self._utc_offset_ns = utc_ns - round(start * 1e9)
         self._sleepers = _Sleepers()
         self._scheduled = False
@@ -224,6 +250,15 @@ class VirtualClock:
     def advance(self, seconds: float) -> None:
         """Let time pass, as work does that takes this long."""
         self._now += seconds
+
+    def suspended(self) -> float:
+        """Virtual seconds in which the machine was suspended."""
+        return self._suspended
+
+    def suspend(self, seconds: float) -> None:
+        """The machine sleeps for so long, and every process with it."""
+        self._now += seconds
+        self._suspended += seconds
 
     def step_utc(self, seconds: float) -> None:
         """Set the wall clock forward or back, as an NTP step does; monotonic time does not move."""

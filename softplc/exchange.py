@@ -4,6 +4,9 @@ Snapshots cross in shared memory as a structure of arrays, one sequence-locked s
 makes the section's sequence odd, copies, makes it even again; a reader copies and keeps the copy only if the
 sequence was even and did not change meanwhile. Newest wins; nothing is ever torn and nobody ever waits.
 Commands (tag index, value) cross in a bounded ring with one writer and one reader; a full ring refuses.
+
+The scan process trusts nothing that it finds here: what it counts itself (the sequences, where it is in the ring) it
+keeps, and a ring that makes no sense is refused as a whole. The supervisor looks on (Pulse).
 """
 
 import threading
@@ -77,7 +80,7 @@ class _Memory:
             return np.frombuffer(buffer, dtype, int(np.prod(shape)), offset).reshape(shape)
 
         layout = _Layout(table)
-        self.header = view("header")  # magic, tags, command head (gateway), command tail (scan)
+        self.header = view("header")  # magic, tags, command head (gateway), command tail (scan), beats (gateway)
         self.integers = view("integers")
         self.seconds = view("seconds")
         self.command_index = view("command_index")
@@ -95,22 +98,36 @@ class _Memory:
 
 _COMMAND_HEAD: Final = 2
 _COMMAND_TAIL: Final = 3
+_BEATS: Final = 4
+_LARGEST: Final = 2**62  # of a counter that is taken over from shared memory
 
 
 class Writer:
-    """The scan process' end: publishes sections, takes commands."""
+    """The scan process' end: publishes sections, takes commands.
+
+    `refused` counts how often the ring of commands was found in a state that no gateway leaves it in.
+    """
 
     def __init__(self, buffer: Any, table: TagTable) -> None:
+        self.refused = 0
         self._memory = _Memory(buffer, table)
         self._sections = [(start, stop) for _, start, stop in table.sections]
         self._memory.header[0] = _MAGIC
         self._memory.header[1] = len(table)
+        self._sequences = [int(sequence) % _LARGEST for sequence in self._memory.integers[:, 0]]
+        self._tail = int(self._memory.header[_COMMAND_TAIL])
+        self._senseless: int | None = None
+        if not (
+            0 <= self._waiting() < COMMANDS and 0 <= self._tail < _LARGEST
+        ):  # of a predecessor's commands nothing is left that makes sense
+            self._tail = int(self._memory.header[_COMMAND_HEAD]) % _LARGEST
+            self._memory.header[_COMMAND_TAIL] = self._tail
 
     def publish(self, section: int, scan: Scan, image: Image) -> None:
         """Copy one task's run of the image into its section; never waits."""
         memory, (start, stop) = self._memory, self._sections[section]
         record = memory.integers[section]
-        sequence = int(record[0]) | 1  # a predecessor may have died half-way: odd stays odd
+        sequence = self._sequences[section] | 1  # a predecessor may have died half-way: odd stays odd
         record[0] = sequence
         memory.fence()
         memory.values[start:stop] = image.values[start:stop]
@@ -119,23 +136,36 @@ class Writer:
         record[1:] = scan.number, scan.timestamp, scan.overruns
         memory.seconds[section] = scan.start, scan.dt, scan.period
         memory.fence()
-        record[0] = sequence + 1
+        record[0] = self._sequences[section] = sequence + 1
 
     def commands(self) -> list[tuple[int, float]]:
-        """Commands that the gateway put since the last call, oldest first, as (tag index, value)."""
-        header = self._memory.header
-        head, tail = int(header[_COMMAND_HEAD]), int(header[_COMMAND_TAIL])
-        if head == tail:
+        """Commands that the gateway put since the last call, oldest first, as (tag index, value).
+
+        They are fewer than COMMANDS, and as they were found: whoever takes them judges them. A head that is no place
+        of the ring is refused, once for each; the gateway puts it right before its next command.
+        """
+        memory, waiting = self._memory, self._waiting()
+        if memory.header[_COMMAND_TAIL] != self._tail:  # where we are is ours to say
+            memory.header[_COMMAND_TAIL] = self._tail
+        if waiting == 0:
+            self._senseless = None
             return []
-        self._memory.fence()
-        taken = []
-        while tail != head:
-            slot = tail % COMMANDS
-            taken.append((int(self._memory.command_index[slot]), float(self._memory.command_value[slot])))
-            tail += 1
-        self._memory.fence()
-        header[_COMMAND_TAIL] = tail
+        if not 0 < waiting < COMMANDS:
+            if self._senseless != self._tail + waiting:
+                self._senseless = self._tail + waiting
+                self.refused += 1
+            return []
+        self._senseless = None
+        memory.fence()
+        slots = [(self._tail + k) % COMMANDS for k in range(waiting)]
+        taken = [(int(memory.command_index[slot]), float(memory.command_value[slot])) for slot in slots]
+        memory.fence()
+        self._tail += waiting
+        memory.header[_COMMAND_TAIL] = self._tail
         return taken
+
+    def _waiting(self) -> int:
+        return int(self._memory.header[_COMMAND_HEAD]) - self._tail
 
 
 class Reader:
@@ -174,7 +204,9 @@ class Reader:
         """Hand a validated value for a writable tag to the scan process; False when the ring is full."""
         header = self._memory.header
         head, tail = int(header[_COMMAND_HEAD]), int(header[_COMMAND_TAIL])
-        if head - tail >= COMMANDS - 1:
+        if not 0 <= head - tail < COMMANDS:  # another gateway's ruins
+            head = tail
+        if head - tail >= COMMANDS - 1 or not 0 <= tail < _LARGEST:
             return False
         slot = head % COMMANDS
         self._memory.command_index[slot] = index
@@ -182,6 +214,11 @@ class Reader:
         self._memory.fence()
         header[_COMMAND_HEAD] = head + 1
         return True
+
+    def beat(self) -> None:
+        """Show the supervisor that the gateway's event loop turns."""
+        header = self._memory.header
+        header[_BEATS] = (int(header[_BEATS]) + 1) % _LARGEST
 
     def _take(self, section: int, start: int, stop: int) -> bool:
         """Copy the section if it moved on; False when it did not or when no consistent copy was to be had."""
@@ -220,6 +257,21 @@ class Reader:
         if not alive and (changed or taken):  # what a dead task left behind is old the moment it is taken
             self._image.fail(StatusCode.BAD_NO_COMMUNICATION, slice(start, stop))
         return changed
+
+
+class Pulse:
+    """What the supervisor sees of both ends: counters that move while a process does what it is there for."""
+
+    def __init__(self, buffer: Any, table: TagTable) -> None:
+        self._memory = _Memory(buffer, table)
+
+    def scan(self, section: int) -> int:
+        """Moves with every scan of the section's task."""
+        return int(self._memory.integers[section, 0])
+
+    def gateway(self) -> int:
+        """Moves with every beat of the gateway."""
+        return int(self._memory.header[_BEATS])
 
 
 def _frozen(array: NDArray[Any]) -> NDArray[Any]:

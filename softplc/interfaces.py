@@ -30,6 +30,11 @@ class Driver(Protocol):
         """What works, but not as one would wish, in words; known once the driver is open."""
         ...
 
+    @property
+    def writes_at_once(self) -> int:
+        """How many values one request to the device carries; `write` is given no more at a time."""
+        ...
+
     async def open(self) -> None:
         """Connect, resolve every tag and check its type.
 

@@ -23,14 +23,14 @@ from softplc.clock import Clock
 from softplc.errors import LinkError
 from softplc.interfaces import Driver
 from softplc.link_log import Told
-from softplc.sample import StatusCode, is_bad, status_name
+from softplc.link_write import Writing
+from softplc.log_limit import LogLimit
+from softplc.sample import StatusCode
 from softplc.tags import Image
 
 _BACK_OFF_FIRST = 0.05  # seconds
 _BACK_OFF_MOST = 0.8  # from one attempt to the next, so that a source that is back is Good within a second
 _OFF_SCAN_AFTER = 2  # scans in a row that waited in vain
-_WRITE_PAUSE_FIRST = 1.0  # after a write that cost the connection; longer each time, so that reading goes on
-_WRITE_PAUSE_MOST = 60.0
 _CLOSE_LIMIT = 1.0
 
 log = structlog.get_logger(__name__)
@@ -48,8 +48,6 @@ class LinkStatistics:
     reads: int = 0
     read_errors: int = 0
     reconnects: int = 0
-    writes: int = 0
-    write_errors: int = 0
     read_time: float = 0.0
     last_read: float = field(default=float("nan"))
 
@@ -71,7 +69,8 @@ class Link:
         self.statistics = LinkStatistics()
         self.samples = Image(len(readings))
         self._make_driver = make_driver
-        self._readings, self._writings = readings, writings
+        self.writing = Writing(name, writings, clock, timeout, self._fail)
+        self._readings = readings
         self._clock = clock
         self._timeout, self._connect_timeout = timeout, connect_timeout
         self._incoming = Image(len(readings))
@@ -79,18 +78,14 @@ class Link:
         self._lost = asyncio.Event()
         self._turn = asyncio.Lock()  # one outstanding request for each connection
         self._read: asyncio.Task[None] | None = None
-        self._write: asyncio.Task[None] | None = None
-        self._pending: dict[int, float] = {}
         self._patience = 0.0  # seconds that the scan waits for a reply
         self._missed = 0  # scans in a row that waited in vain
         self._answered = False  # what this scan asked was answered
         self._late = False  # the outstanding read was asked for in an earlier scan
         self._slow = False  # the last reply was late, and so was the one before
-        self._write_pause = 0.0
-        self._write_from = float("-inf")
         self._closing: set[asyncio.Task[None]] = set()
         self._told = Told(name, clock)
-        self._write_status: dict[int, int] = {}
+        self._defects = LogLimit()
 
     async def run(self) -> None:
         """Connect, stay until the link is lost, back off, connect again; until cancelled."""
@@ -140,28 +135,13 @@ class Link:
             statuses = inputs.statuses[start : start + len(self.samples)]
             statuses[statuses < np.uint32(StatusCode.BAD)] = StatusCode.UNCERTAIN_LAST_USABLE_VALUE
 
-    def put(self, position: int, value: float) -> None:
-        """Have a value written; one that is still waiting is replaced by it."""
-        self._pending[position] = value
-
-    def withdraw(self, position: int) -> bool:
-        """A value that was put and not written yet is not to be written any more; whether there was one."""
-        return self._pending.pop(position, None) is not None
+    def put(self, position: int, value: float, until: float = float("inf")) -> None:
+        """Have a value written while it is valid, which is `until` this monotonic time; the newest only."""
+        self.writing.put(position, value, until)
 
     def flush(self) -> None:
-        """Start writing what was put, unless a write is under way; without a link it is dropped and counted.
-
-        A device that does not answer writes costs the connection each time, so writing pauses longer and longer.
-        """
-        if not self._pending:
-            return
-        if self._driver is None:
-            self.statistics.write_errors += len(self._pending)
-            self._pending.clear()
-        elif self._clock.monotonic() < self._write_from:
-            return  # what was put waits, and newer values replace it
-        elif self._write is None or self._write.done():
-            self._write = asyncio.create_task(self._do_write(self._driver), name=f"write {self.name}")
+        """Start writing what was put, unless a write is under way."""
+        self.writing.flush(self._driver, self._turn)
 
     async def _open(self) -> bool:
         driver = None
@@ -169,18 +149,19 @@ class Link:
             driver = self._make_driver()
             async with asyncio.timeout(self._connect_timeout):
                 await driver.open()
+            remarks, problems = driver.remarks, driver.problems
         except (LinkError, TimeoutError) as error:
             self._told.lost(str(error) or f"no connection within {self._connect_timeout:g} s")
         except Exception as error:  # a driver's defect is this link's fault alone
-            log.exception("driver failed to open", source=self.name)
+            self._tell_defect("driver failed to open")
             self._told.lost(repr(error))
         else:
             self._lost.clear()
             self._driver = driver
             self.statistics.connected = True
             self._told.up()
-            self._told.words("remark", driver.remarks)
-            self._told.words("tag problem", driver.problems)
+            self._told.words("remark", remarks)
+            self._told.words("tag problem", problems)
             return True
         if driver is not None:
             self._close(driver)
@@ -193,13 +174,12 @@ class Link:
         driver, self._driver = self._driver, None
         self.statistics.connected = False
         self.statistics.reconnects += 1
-        for task in (self._read, self._write):
-            if task is not None and not task.done():
-                task.cancel()
-        self._read = self._write = None
+        if self._read is not None and not self._read.done():
+            self._read.cancel()
+        self._read = None
+        self.writing.drop()
         self._answered = self._late = self._slow = self.statistics.off_scan = False
         self._missed = 0
-        self._pending.clear()
         self._turn = asyncio.Lock()
         self.samples.fail(StatusCode.BAD_NO_COMMUNICATION)
         self._close(driver)
@@ -226,17 +206,18 @@ class Link:
             begun = await self._read_once(driver)
             if self._late and not self._slow:  # who knows when the device took these values
                 begun = await self._read_once(driver)
+            if driver is self._driver:
+                self._take(driver, begun)
         except (LinkError, TimeoutError) as error:
             self.statistics.read_errors += 1
             self._fail(driver, str(error) or f"no reply within {self._timeout:g} s")
-            return
         except Exception as error:  # a driver's defect is this link's fault alone
-            log.exception("driver failed to read", source=self.name)
+            self._tell_defect("driver failed to read")
             self.statistics.read_errors += 1
             self._fail(driver, repr(error))
-            return
-        if driver is not self._driver:
-            return
+
+    def _take(self, driver: Driver, begun: float) -> None:
+        """Make what came in the link's samples; `begun` is when it was asked for."""
         if self._told.tags(self._readings, self.samples.statuses, self._incoming.statuses):
             self._told.words("tag problem", driver.problems)
         self.samples, self._incoming = self._incoming, self.samples
@@ -249,6 +230,12 @@ class Link:
         if now - begun <= self._patience:
             self._missed, self.statistics.off_scan = 0, False
 
+    def _tell_defect(self, event: str) -> None:
+        """One line with the traceback; of a driver that fails in every attempt some a minute."""
+        room = self._defects.ask(self._clock.monotonic())
+        if room is not None:
+            log.exception(event, source=self.name, **room)
+
     async def _read_once(self, driver: Driver) -> float:
         """Have the driver fill what comes in; the monotonic time at which it was asked."""
         self._late = False
@@ -256,33 +243,3 @@ class Link:
         async with asyncio.timeout(self._timeout), self._turn:
             await driver.read(self._incoming)
         return begun
-
-    async def _do_write(self, driver: Driver) -> None:
-        values: dict[int, float] = {}
-        try:
-            async with asyncio.timeout(self._timeout), self._turn:
-                values, self._pending = self._pending, {}  # the newest, now that it is our turn
-                if not values:  # withdrawn
-                    return
-                statuses = await driver.write(values)
-        except (LinkError, TimeoutError) as error:
-            self.statistics.write_errors += max(len(values), 1)
-            self._fail(driver, str(error) or f"write not confirmed within {self._timeout:g} s")
-            self._write_pause = min(max(2.0 * self._write_pause, _WRITE_PAUSE_FIRST), _WRITE_PAUSE_MOST)
-            self._write_from = self._clock.monotonic() + self._write_pause
-            log.warning("writing pauses", source=self.name, seconds=self._write_pause)
-            return
-        except Exception as error:  # a driver's defect is this link's fault alone
-            log.exception("driver failed to write", source=self.name)
-            self.statistics.write_errors += max(len(values), 1)
-            self._fail(driver, repr(error))
-            return
-        self._write_pause = 0.0
-        for position, status in statuses.items():
-            failed = is_bad(status)
-            self.statistics.writes += not failed
-            self.statistics.write_errors += failed
-            if status != self._write_status.get(position, StatusCode.GOOD):
-                event = "write refused" if failed else "write accepted again"
-                log.warning(event, source=self.name, tag=self._writings[position], status=status_name(status))
-            self._write_status[position] = status

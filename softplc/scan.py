@@ -10,10 +10,11 @@ from softplc.clock import Clock
 from softplc.exchange import Writer
 from softplc.interfaces import Observer
 from softplc.link import Link
+from softplc.log_limit import LogLimit
 from softplc.sample import StatusCode
 from softplc.tags import Block, DataType, Image, Tag
-from softplc.timing import Scan, TaskStatistics, next_deadline
-from softplc.writeback import WriteBack
+from softplc.timing import Deadlines, Scan, TaskStatistics, next_deadline
+from softplc.writeback import WriteBack, WriteState
 
 READ_BUDGET = 0.6  # part of the period that a scan waits for replies; later ones serve the next scan
 _STATISTICS = (
@@ -24,6 +25,7 @@ _STATISTICS = (
 )
 _TELL = 60.0  # seconds between two log lines about overruns
 _REFRESH = 1.0  # seconds between two computations of the percentiles
+_SUSPENDED = 0.1  # seconds; a machine does not sleep for less
 
 log = structlog.get_logger(__name__)
 
@@ -47,6 +49,9 @@ def task_tags(name: str) -> tuple[Tag, ...]:
             for statistic, meaning in _STATISTICS
         ),
         tag("Overruns", "", "Slots of the time grid that were missed since start", DataType.UINT32),
+        tag("Overloaded", "", "Five of the last 100 slots or more were missed", DataType.BOOLEAN),
+        tag("Suspended", "s", "Time for which the machine was suspended since start"),
+        tag("CommandsRefused", "", "Values from clients that no observer took, since start", DataType.UINT32),
     )
 
 
@@ -64,6 +69,7 @@ def source_tags(name: str) -> tuple[Tag, ...]:
         tag("Reconnects", "", "Times that the link was lost since start"),
         tag("Writes", "", "Values written into the source since start"),
         tag("WriteErrors", "", "Values that could not be written since start"),
+        tag("WriteMismatches", "", "Times that another value was read back than written", DataType.UINT16),
         tag("ReadTime", "s", "Duration of the last successful read", DataType.DOUBLE),
         tag("Age", "s", "Time since the last successful read", DataType.DOUBLE),
     )
@@ -95,18 +101,27 @@ class CyclicTask:
     section: int
     writer: Writer
     dispatch_commands: Callable[[], None] = lambda: None
+    commands_refused: Callable[[], int] = lambda: 0
     on_scan: Callable[[Scan], None] = lambda _: None
     statistics: TaskStatistics = field(default_factory=TaskStatistics)
     _refreshed: float = float("-inf")
     _failed: set[int] = field(default_factory=set)
+    _parked: set[int] = field(default_factory=set)  # write-backs
     _told_overruns: int = 0
     _told_at: float = float("-inf")
+    _deadlines: Deadlines = field(default_factory=Deadlines)
+    _suspended: float = 0.0
+    _defects: dict[str, LogLimit] = field(default_factory=dict)
+    _failing: set[str] = field(default_factory=set)
 
     async def run(self) -> None:
-        """Scan on the grid t0 + k·period. A late scan skips to the next slot; missed slots are counted."""
+        """Scan on the grid t0 + k·period. A late scan skips to the next slot; missed slots are counted.
+
+        After a sleep of the machine the grid begins anew: its Δt is measured, its slots were not missed.
+        """
         t0 = deadline = self.clock.monotonic()
         slot = number = overruns = 0
-        previous = t0 - self.period
+        previous, slept = t0 - self.period, self.clock.suspended()
         while True:
             await self.clock.sleep_until(deadline, self.priority)
             start = self.clock.monotonic()
@@ -116,11 +131,22 @@ class CyclicTask:
             await self._acquire(scan)
             self._execute(scan)
             for place in self.links:
-                place.link.flush()
-            previous, number, before = start, number + 1, slot
+                self._attempt(f"writing into {place.link.name}", place.link.flush)
+            previous, number = start, number + 1
+            if self.clock.suspended() - slept > _SUSPENDED:
+                slept = self._tell_suspended(slept)
+                t0, slot = self.clock.monotonic(), 0
+            before = slot
             deadline, slot = next_deadline(t0, self.period, self.clock.monotonic())
             overruns += slot - before - 1
+            self._deadlines.add(slot - before - 1)
             self._tell_overruns(start, overruns)
+
+    def _tell_suspended(self, before: float) -> float:
+        now = self.clock.suspended()
+        self._suspended += now - before
+        log.warning("the machine was suspended", task=self.name, seconds=round(now - before, 1))
+        return now
 
     def _tell_overruns(self, now: float, overruns: int) -> None:
         """Log that slots were missed, once a minute at the most, with how many since the last line."""
@@ -131,27 +157,83 @@ class CyclicTask:
     async def _acquire(self, scan: Scan) -> None:
         """Ask every source at once and wait for the replies, no longer than the read budget allows."""
         budget = READ_BUDGET * self.period
-        asked = [task for place in self.links if (task := place.link.ask(budget)) is not None]
+        asked: list[asyncio.Task[None]] = []
+        for place in self.links:
+            self._attempt(f"asking {place.link.name}", self._ask, place.link, budget, asked)
         if asked:
             budget += scan.start - self.clock.monotonic()
             await asyncio.wait(asked, timeout=max(budget, 0.0))
 
+    def _ask(self, link: Link, budget: float, asked: "list[asyncio.Task[None]]") -> None:
+        task = link.ask(budget)
+        if task is not None:
+            asked.append(task)
+
+    def _attempt(self, part: str, action: Callable[..., None], *arguments: object) -> bool:
+        """Run one part of the scan; False when it raised. A defect ends nothing but its own part, and is told."""
+        try:
+            action(*arguments)
+        except Exception:  # a part's defect must not end the scan
+            self._tell_defect(part)
+            return False
+        if self._failing and part in self._failing:
+            self._failing.discard(part)
+            log.info("part of the scan works again", task=self.name, part=part)
+        return True
+
+    def _tell_defect(self, part: str) -> None:
+        if part in self._failing:
+            return
+        room = self._defects.setdefault(part, LogLimit()).ask(self.clock.monotonic())
+        if room is not None:
+            self._failing.add(part)
+            log.exception("part of the scan failed", task=self.name, part=part, **room)
+
     def _execute(self, scan: Scan) -> None:
         """From the latch to the published image; synchronous, nobody else runs in between."""
         for place in self.links:
-            place.link.latch(self.inputs, place.start)
-        self.dispatch_commands()
+            if not self._attempt(f"latching {place.link.name}", place.link.latch, self.inputs, place.start):
+                where = slice(place.start, place.start + len(place.link.samples))
+                self.inputs.fail(StatusCode.BAD_INTERNAL_ERROR, where)
+        self._attempt("commands", self.dispatch_commands)
         for number, observer in enumerate(self.observers):
             if number not in self._failed:
                 self._step(number, observer, scan)
-        for write_back in self.write_backs:
-            write_back.step(scan, self.outputs)
-        self._publish_links(scan)
+        self._write_back(scan)
+        for place in self.links:
+            if not self._attempt(f"statistics of {place.link.name}", self._publish_link, place, scan):
+                self._fail(place.block)
         execution = self.clock.monotonic() - scan.start
-        self.statistics.add(scan, execution)
-        self._publish_task(scan, execution)
-        self.writer.publish(self.section, scan, self.outputs)
-        self.on_scan(scan)
+        if not self._attempt("statistics of the task", self._publish_task, scan, execution):
+            self._fail(self.block)
+        self._attempt("publishing", self.writer.publish, self.section, scan, self.outputs)
+        self._attempt("the end of the scan", self.on_scan, scan)
+
+    def _write_back(self, scan: Scan) -> None:
+        """Hand what is due to the links; each axis shows the worst of its write-backs."""
+        worst: dict[int, WriteState] = {}
+        for number, write_back in enumerate(self.write_backs):
+            parked = number in self._parked
+            state = WriteState.PARKED if parked else self._step_write_back(number, write_back, scan)
+            if write_back.state is not None:
+                worst[write_back.state] = max(worst.get(write_back.state, WriteState.NONE), state)
+        for index, shown in worst.items():
+            self.outputs.values[index] = shown
+            self.outputs.statuses[index] = StatusCode.GOOD
+            self.outputs.source_timestamps[index] = scan.timestamp
+
+    def _step_write_back(self, number: int, write_back: WriteBack, scan: Scan) -> WriteState:
+        """A write-back that raises is parked, and writes nothing any more; the others go on."""
+        try:
+            return write_back.step(scan, self.inputs, self.outputs)
+        except Exception:  # a write-back's defect must not end the scan
+            log.exception("write-back parked", task=self.name, write_back=write_back.name)
+            self._parked.add(number)
+            self._attempt(f"withdrawing {write_back.name}", write_back.withdraw)
+            return WriteState.PARKED
+
+    def _fail(self, block: Block) -> None:
+        self.outputs.fail(StatusCode.BAD_INTERNAL_ERROR, slice(block.start, block.stop))
 
     def _step(self, number: int, observer: Observer, scan: Scan) -> None:
         """An observer that raises is parked, its axes Bad; the others run on."""
@@ -162,26 +244,27 @@ class CyclicTask:
             self._failed.add(number)
             observer.park(self.outputs)
 
-    def _publish_links(self, scan: Scan) -> None:
-        for place in self.links:
-            counted = place.link.statistics
-            self._put(
-                place.block,
-                scan,
-                counted.connected,
-                counted.off_scan,
-                counted.reads,
-                counted.read_errors,
-                counted.reconnects,
-                counted.writes,
-                counted.write_errors,
-                counted.read_time,
-                0.0 if counted.last_read > scan.start else scan.start - counted.last_read,  # read within this scan
-            )
-            if counted.last_read != counted.last_read:  # NaN: never read
-                self.outputs.statuses[place.block.stop - 1] = StatusCode.BAD_WAITING_FOR_INITIAL_DATA
+    def _publish_link(self, place: LinkPlace, scan: Scan) -> None:
+        counted = place.link.statistics
+        self._put(
+            place.block,
+            scan,
+            counted.connected,
+            counted.off_scan,
+            counted.reads,
+            counted.read_errors,
+            counted.reconnects,
+            place.link.writing.written,
+            place.link.writing.errors,
+            place.link.writing.mismatches % 65536,
+            counted.read_time,
+            0.0 if counted.last_read > scan.start else scan.start - counted.last_read,  # read within this scan
+        )
+        if counted.last_read != counted.last_read:  # NaN: never read
+            self.outputs.statuses[place.block.stop - 1] = StatusCode.BAD_WAITING_FOR_INITIAL_DATA
 
     def _publish_task(self, scan: Scan, execution: float) -> None:
+        self.statistics.add(scan, execution)
         counts = (scan.number % 65536, scan.number, self.period, scan.dt, scan.jitter, execution)
         start = self.block.start
         if scan.start - self._refreshed >= _REFRESH:
@@ -190,7 +273,8 @@ class CyclicTask:
             summary = [value for window in windows for value in window.percentiles()]
             self.outputs.values[start + len(counts) : start + len(counts) + len(summary)] = summary
         self.outputs.values[start : start + len(counts)] = counts
-        self.outputs.values[self.block.stop - 1] = scan.overruns
+        last = (scan.overruns, self._deadlines.overloaded, self._suspended, self.commands_refused())
+        self.outputs.values[self.block.stop - len(last) : self.block.stop] = last
         self.outputs.statuses[start : self.block.stop] = StatusCode.GOOD
         self.outputs.source_timestamps[start : self.block.stop] = scan.timestamp
 

@@ -1,6 +1,7 @@
 """The time grid of a task, the record of one scan, and the task's statistics: pure, no clock."""
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -88,3 +89,24 @@ class TaskStatistics:
         self.execution.add(execution)
         self.scans += 1
         self.overruns = scan.overruns
+
+
+class Deadlines:
+    """Whether a task keeps up with its grid, from the last hundred slots.
+
+    It is overloaded from five missed slots on, and keeps up again when one is left at the most.
+    """
+
+    def __init__(self, slots: int = 100, most: int = 5, few: int = 1) -> None:
+        self.overloaded = False
+        self._missed: deque[bool] = deque(maxlen=slots)
+        self._slots, self._most, self._few = slots, most, few
+        self._count = 0
+
+    def add(self, missed: int) -> None:
+        """A scan is complete, and so many slots went by before the next."""
+        if missed == 0 and self._count == 0:
+            return
+        self._missed.extend([True] * min(missed, self._slots) + [False])
+        self._count = sum(self._missed)
+        self.overloaded = self._count > (self._few if self.overloaded else self._most - 1)

@@ -1,6 +1,11 @@
 import asyncio
+import subprocess
+import sys
+
+import pytest
 
 from softplc.clock import SystemClock, VirtualClock
+from tests.support.program import ROOT, environment
 
 
 async def test_virtual_time_moves_to_the_next_deadline_when_everyone_sleeps():
@@ -83,3 +88,25 @@ async def test_an_earlier_sleeper_rearms_a_timer_that_was_set_for_a_later_one():
         await clock.sleep_until(clock.monotonic() + 0.01)
     late.cancel()
     clock.close()
+
+
+async def test_time_in_which_the_machine_sleeps_is_in_monotonic_time_and_told_apart():
+    clock = VirtualClock()
+    clock.advance(1.0)
+    clock.suspend(3600.0)
+    assert clock.monotonic() == 3601.0
+    assert clock.suspended() == 3600.0
+
+
+def test_the_system_clock_counts_the_time_for_which_the_machine_was_suspended():
+    """A time namespace whose CLOCK_BOOTTIME is ahead stands for a machine that slept since it was started."""
+    here = SystemClock().suspended()
+    script = "from softplc.clock import SystemClock; print(SystemClock().suspended())"
+    command = ["unshare", "--user", "--map-root-user", "--time", "--fork", "--boottime", "7200"]
+    done = subprocess.run(
+        [*command, sys.executable, "-c", script], cwd=ROOT, env=environment(), capture_output=True, text=True,
+        timeout=60, check=False,
+    )  # fmt: skip
+    if done.returncode != 0:
+        pytest.skip(f"no time namespaces here: {done.stderr.strip()}")
+    assert float(done.stdout) - here == pytest.approx(7200.0, abs=1.0)  # two readings, some µs apart

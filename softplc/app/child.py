@@ -12,7 +12,9 @@ from typing import Any
 
 import structlog
 
+from softplc.clock import monotonic
 from softplc.errors import SoftplcError
+from softplc.log_limit import LogLimit
 
 Body = Callable[[asyncio.Event], Awaitable[None]]
 
@@ -42,6 +44,7 @@ async def _run(body: Body) -> None:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     loop.add_signal_handler(signal.SIGTERM, stop.set)
+    loop.set_exception_handler(_Unhandled().tell)
     parent = multiprocessing.parent_process()
     if parent is not None:
         loop.add_reader(parent.sentinel, stop.set)
@@ -50,6 +53,20 @@ async def _run(body: Body) -> None:
     finally:
         if parent is not None:
             loop.remove_reader(parent.sentinel)
+
+
+class _Unhandled:
+    """What callbacks and tasks of the libraries raised and nobody took: told, some a minute, and nothing more."""
+
+    def __init__(self) -> None:
+        self._limit = LogLimit()
+
+    def tell(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """The event loop's exception handler."""
+        room = self._limit.ask(monotonic())
+        if room is not None:
+            error = context.get("exception")
+            log.error("unhandled in the event loop", text=context.get("message"), exc_info=error, **room)
 
 
 def _first(group: "BaseExceptionGroup[SoftplcError]") -> SoftplcError:

@@ -17,6 +17,7 @@ from softplc.config.models import Config
 from softplc.exchange import Reader
 from softplc.feed import Feed
 
+_BEAT = 0.5  # seconds between two signs of life for the supervisor
 _FASTEST = 0.02  # seconds; nobody looks more often, and a feed costs CPU
 
 log = structlog.get_logger(__name__)
@@ -45,9 +46,16 @@ async def _serve(config: Config, buffer: Any, connection: "Connection[Any, Any]"
         connection.send(("ready", endpoints))
         async with asyncio.TaskGroup() as group:
             running = [group.create_task(feed.run(), name=feed.name) for feed in feeds]
+            running.append(group.create_task(_beat(reader, clock), name="beat"))
             await stop.wait()
             for task in running:
                 task.cancel()
+
+
+async def _beat(reader: Reader, clock: SystemClock) -> None:
+    while True:
+        reader.beat()
+        await clock.sleep_until(clock.monotonic() + _BEAT)
 
 
 def _interval(config: Config, settings: Any) -> float:

@@ -33,12 +33,18 @@ class SourceLayout:
 
 @dataclass(frozen=True, slots=True)
 class WriteBackLayout:
-    """One write-back: published tag, source, and position among the source's writings."""
+    """One write-back: published tag, source, position among the source's writings; `name` as in AxisX.Velocity.
+
+    `state`: the axis' tag WriteState. `read_back`: where the written tag is read along in the inputs, if it is.
+    """
 
     config: WriteBack
     index: int
     source: str
     position: int
+    name: str
+    state: int
+    read_back: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +103,7 @@ def axis_spec(axis: Axis) -> AxisSpec:
         reinit_after=axis.reinit_after_ms / 1000.0,
         skipped_time=axis.observer.skipped_time if isinstance(axis.observer, AoiConfig) else "accumulate",
         tuning_writable=axis.writable_tuning,
+        writes=bool(axis.write_back),
         consistency=axis.window,
         shadow=axis.shadow.quantities if axis.shadow else (),
         on_bad=axis.on_bad,
@@ -119,6 +126,9 @@ def _lay_out_task(
     for axis in axes:
         for tag, leaf in _inputs(axis):
             _read(used, tag, f"{axis.name}.{leaf}")
+        for write_back in axis.write_back:
+            if write_back.verify:
+                _read(used, write_back.tag, f"{axis.name}.{write_back.output}.ReadBack")
     start = 0
     for source in used.values():
         source.start = start
@@ -181,5 +191,13 @@ def _write(used: dict[str, SourceLayout], axis: str, block: Block, write_back: W
     source = used[write_back.tag.source]
     source.writings.append(write_back.tag)
     source.writing_names.append(f"{axis}.{write_back.output}")
-    index = block.index(write_back.output)
-    return WriteBackLayout(write_back, index, write_back.tag.source, len(source.writings) - 1)
+    read_back = source.start + source.readings[write_back.tag] if write_back.verify else None
+    return WriteBackLayout(
+        write_back,
+        block.index(write_back.output),
+        write_back.tag.source,
+        len(source.writings) - 1,
+        source.writing_names[-1],
+        block.index("WriteState"),
+        read_back,
+    )

@@ -60,9 +60,18 @@ class Child:
         self.process.join()
         return int(self.process.exitcode)
 
+    @property
+    def alive(self) -> bool:
+        """The process runs, or is stopped."""
+        return self.process is not None and bool(self.process.is_alive())
+
+    def kill(self) -> None:
+        """SIGKILL, which ends a stopped process as well."""
+        self.process.kill()
+
     async def stop(self) -> None:
         """SIGTERM, and SIGKILL for one that does not end within the limit."""
-        if self.process is None or not self.process.is_alive():
+        if not self.alive:
             return
         self.process.terminate()
         try:

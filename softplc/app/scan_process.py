@@ -9,8 +9,9 @@ from typing import Any
 import structlog
 
 from softplc.app.child import run_child
+from softplc.app.dispatch import Commands
 from softplc.app.garbage import Slack, freeze_garbage
-from softplc.app.layout import Layout, SourceLayout, TaskLayout, build_layout
+from softplc.app.layout import Layout, SourceLayout, TaskLayout, WriteBackLayout, build_layout
 from softplc.app.logs import configure_logs
 from softplc.app.notify import Watchdog, watchdog_interval
 from softplc.app.observing import build_observer
@@ -24,7 +25,7 @@ from softplc.link import Link
 from softplc.scan import CyclicTask, LinkPlace
 from softplc.tags import Image
 from softplc.timing import Scan
-from softplc.writeback import WriteBack
+from softplc.writeback import ReadBack, WriteBack
 
 _REPLAY_TIMEOUT = 10.0
 
@@ -71,17 +72,9 @@ def start_tasks(group: asyncio.TaskGroup, tasks: list[CyclicTask]) -> list["asyn
 def build_tasks(layout: Layout, writer: Writer, clock: Clock, kernel: KernelChoice = "auto") -> list[CyclicTask]:
     """The cyclic tasks of a layout, ready to run. Imports the libraries of the protocols that are used."""
     image = Image(len(layout.table))
-    tasks: list[CyclicTask] = []
-
-    def dispatch_commands() -> None:
-        for index, value in writer.commands():
-            tag, old = layout.table.tags[index].name, float(image.values[index])
-            if not any(observer.command(index, value) for task in tasks for observer in task.observers):
-                log.warning("command not taken: no such value for this tag", tag=tag, value=value)
-            elif value != old:
-                log.info("tag changed by a client", tag=tag, old=old, new=value)
-
-    tasks += [_build_task(task, image, writer, clock, dispatch_commands, kernel) for task in layout.tasks]
+    commands = Commands(layout.table, image, writer, clock)
+    tasks = [_build_task(task, image, writer, clock, commands, kernel) for task in layout.tasks]
+    commands.tasks = tasks
     return tasks
 
 
@@ -90,7 +83,7 @@ def _build_task(
     image: Image,
     writer: Writer,
     clock: Clock,
-    dispatch_commands: Callable[[], None],
+    commands: Commands,
     kernel: KernelChoice,
 ) -> CyclicTask:
     period = layout.task.period_ms / 1000.0
@@ -103,22 +96,31 @@ def _build_task(
         links=[LinkPlace(links[source.source.name], source.start, source.block) for source in layout.sources],
         inputs=Image(layout.inputs),
         observers=[build_observer(group, kernel, clock) for group in layout.observers],
-        write_backs=[
-            WriteBack(
-                write_back.index,
-                links[write_back.source],
-                write_back.position,
-                write_back.config.deadband,
-                write_back.config.every_scans,
-                write_back.config.min_interval_ms / 1000.0,
-            )
-            for write_back in layout.write_backs
-        ],
+        write_backs=[_build_write_back(each, links[each.source]) for each in layout.write_backs],
         outputs=image,
         block=layout.block,
         section=layout.section,
         writer=writer,
-        dispatch_commands=dispatch_commands,
+        dispatch_commands=commands.dispatch,
+        commands_refused=lambda: commands.refused,
+    )
+
+
+def _build_write_back(layout: WriteBackLayout, link: Link) -> WriteBack:
+    config = layout.config
+    read_back = None
+    if layout.read_back is not None:
+        read_back = ReadBack(layout.read_back, config.tolerance + config.rounding, config.verify_within_ms / 1000.0)
+    return WriteBack(
+        layout.index,
+        link,
+        layout.position,
+        config.deadband,
+        config.every_scans,
+        config.min_interval_ms / 1000.0,
+        read_back,
+        layout.name,
+        layout.state,
     )
 
 

@@ -1,13 +1,15 @@
-"""The supervisor: starts the scan process and the gateway, restarts one that dies, ends both in order."""
+"""The supervisor: starts the scan process and the gateway, restarts one that dies or is stuck, ends both in order."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import structlog
 
 from softplc import __version__
 from softplc.app.gateway import gateway_process
+from softplc.app.guard import GATEWAY_LIMIT, SCAN_LIMIT, Guard, Sign, guard
 from softplc.app.layout import build_layout
 from softplc.app.notify import notify
 from softplc.app.process import SPAWN, Child
@@ -15,7 +17,7 @@ from softplc.app.scan_process import scan_process
 from softplc.clock import SystemClock
 from softplc.config.models import Config
 from softplc.errors import SoftplcError
-from softplc.exchange import size
+from softplc.exchange import Pulse, size
 
 _RESTARTS = 5  # of one process within the window; one more and the supervisor gives up
 
@@ -30,12 +32,14 @@ async def supervise(
 ) -> int:
     """Run softplc until `stop`; returns the exit code. `on_ready` gets the endpoints once all servers listen.
 
-    A process that dies is started anew while the others go on; after more than five deaths of one within a minute
-    everything stops with exit code 1. A `companion` (the demo's emulated PLC) is ready
-    before the scans start, and watched and ended along.
+    A process that dies is started anew while the others go on, and one that is stuck (guard.py) is killed for it;
+    after more than five deaths of one within a minute everything stops with exit code 1. A `companion` (the demo's
+    emulated PLC) is ready before the scans start, and watched and ended along.
     Raises SoftplcError when a process cannot start at all.
     """
-    scan, *others = children = _children(config) + ([companion] if companion is not None else [])
+    guards = _guards(config)
+    children = [each.child for each in guards] + ([companion] if companion is not None else [])
+    scan, *others = children
     clock = SystemClock()
     try:
         for child in others:
@@ -53,7 +57,7 @@ async def supervise(
                 endpoints=[endpoint for _, endpoint in endpoints],
             )
             notify(f"READY=1\nSTATUS=scanning {len(config.axes)} axes")
-        return await _watch(children, clock, stop)
+        return await _watch(children, clock, stop, guards)
     finally:
         log.info("stopping")
         notify("STOPPING=1")
@@ -62,13 +66,23 @@ async def supervise(
         clock.close()
 
 
-def _children(config: Config) -> list[Child]:
-    buffer = SPAWN.RawArray("b", size(build_layout(config).table))
-    arguments = (config.as_json(), buffer)
-    children = [Child("scan", scan_process, arguments)]
+def _guards(config: Config) -> list[Guard]:
+    layout = build_layout(config)
+    buffer = SPAWN.RawArray("b", size(layout.table))
+    pulse, arguments = Pulse(buffer, layout.table), (config.as_json(), buffer)
+    scans = [
+        Sign(
+            f"no scan of task {each.task.name}",
+            partial(pulse.scan, each.section),
+            max(SCAN_LIMIT, 3.0 * each.task.period_ms / 1000.0),
+        )
+        for each in layout.tasks
+    ]
+    guards = [Guard(Child("scan", scan_process, arguments), scans)]
     if config.publishers:
-        children.append(Child("gateway", gateway_process, arguments))
-    return children
+        turns = Sign("its event loop does not turn", pulse.gateway, GATEWAY_LIMIT)
+        guards.append(Guard(Child("gateway", gateway_process, arguments), [turns]))
+    return guards
 
 
 async def _await_ready(children: list[Child], stop: asyncio.Event) -> Endpoints:
@@ -100,15 +114,18 @@ def _succeeded(child: Child) -> Any:
     return message[1]
 
 
-async def _watch(children: list[Child], clock: SystemClock, stop: asyncio.Event) -> int:
+async def _watch(children: list[Child], clock: SystemClock, stop: asyncio.Event, guards: Sequence[Guard] = ()) -> int:
     stopped = asyncio.create_task(stop.wait())
+    guarding = asyncio.create_task(guard(guards, clock))
     ended = {asyncio.create_task(child.ended()): child for child in children}
     try:
         while True:
-            done, _ = await asyncio.wait([stopped, *ended], return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait([stopped, guarding, *ended], return_when=asyncio.FIRST_COMPLETED)
             if stop.is_set():
                 return 0
-            for task in done - {stopped}:
+            if guarding.done():
+                guarding.result()
+            for task in [task for task in ended if task.done()]:
                 child = ended.pop(task)
                 code = task.result()
                 if len(child.starts) > _RESTARTS:
@@ -118,9 +135,10 @@ async def _watch(children: list[Child], clock: SystemClock, stop: asyncio.Event)
                 child.start(clock.monotonic())
                 ended[asyncio.create_task(child.ended())] = child
     finally:
-        for task in (stopped, *ended):
-            task.cancel()
-        await asyncio.gather(stopped, *ended, return_exceptions=True)
+        waiting: list[asyncio.Task[Any]] = [stopped, guarding, *ended]
+        for each in waiting:
+            each.cancel()
+        await asyncio.gather(*waiting, return_exceptions=True)
 
 
 async def run_alone(child: Child, on_ready: Callable[[Endpoints], None], stop: asyncio.Event) -> int:

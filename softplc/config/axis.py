@@ -92,6 +92,25 @@ class WriteBack(Model):
     """Write in every n-th scan, changed or not; leave out to write on change."""
     min_interval_ms: Annotated[float, Field(ge=0, le=3_600_000)] = 0.0
     """At least so long between two writes, ms; the newest value wins."""
+    verify: bool = False
+    """Read the tag back; a value other than the written one is told as a mismatch."""
+    tolerance: Annotated[float, Field(ge=0, json_schema_extra={"x-unit": "unit"})] = 0.0
+    """verify: how far the value that is read back may be off, in the output's unit, beside the rounding of a REAL."""
+    verify_within_ms: Annotated[float, Field(ge=0, le=3_600_000)] = 1000.0
+    """verify: so long an older value may still be read back, ms."""
+
+    @model_validator(mode="after")
+    def _verifies_what_it_says(self) -> Self:
+        unused = [key for key in ("tolerance", "verify_within_ms") if key in self.model_fields_set]
+        if unused and not self.verify:
+            raise ValueError(f"{unused[0]} without verify: true, expected verify: true, or no {unused[0]}")
+        return self
+
+    @property
+    def rounding(self) -> float:
+        """What the tag's own type rounds off, in the output's unit: half a step of a whole number."""
+        whole = isinstance(self.tag, ModbusTag) and "int" in self.tag.data_type
+        return 0.5 * abs(self.tag.scale) if isinstance(self.tag, ModbusTag) and whole else 0.0
 
 
 _WINDOW = "a multiple of 10 from 50 to 10000"

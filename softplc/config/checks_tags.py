@@ -1,15 +1,14 @@
 """Tags against their sources (protocol, address, data type, byte order) and against each other (overlaps, loops)."""
 
-from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
+from softplc.config.checks_loops import loops
 from softplc.config.checks_names import at
-from softplc.config.checks_values import host_and_port
 from softplc.config.facts import KEY_OF_KIND, Facts, Item, TagUse
 from softplc.config.problem import LONG, Problem, shown
-from softplc.config.tree import Node, Scalar, below, text_at
+from softplc.config.spans import Span, by_table, canonical, device_of, key_of
+from softplc.config.tree import Scalar, below, text_at
 from softplc.drivers.modbus.address import LAST_OFFSET, Address, parse_address
 from softplc.drivers.modbus.config import ModbusTag
 from softplc.drivers.opcua.node import parse_address as parse_node
@@ -26,30 +25,6 @@ REGISTERS: Final = {
     "float64": 4,
 }
 _DEFAULT_TYPE: Final[str] = ModbusTag.model_fields["data_type"].default
-_OPCUA_PORT: Final = 4840
-_MODBUS_PORT: Final = 502
-
-
-@dataclass(frozen=True, slots=True)
-class Span:
-    """What a tag occupies in its device: registers start … stop − 1 of a table, or one OPC-UA variable (0 … 0)."""
-
-    device: tuple[Any, ...]
-    table: Any
-    start: int
-    stop: int
-    tag: TagUse
-    label: str
-
-    @property
-    def places(self) -> range:
-        """Its registers."""
-        return range(self.start, self.stop)
-
-    @property
-    def line(self) -> int:
-        """Line of the address."""
-        return at(below(self.tag.block, _key(self.tag)), self.tag.block)[0]
 
 
 def check(facts: Facts) -> Iterator[Problem]:
@@ -67,11 +42,7 @@ def check(facts: Facts) -> Iterator[Problem]:
             yield from _recording(tag, source, facts)
     yield from _overlaps([span for span in spans if span.tag.role != "write_back"], partial=True)
     yield from _overlaps([span for span in spans if span.tag.role == "write_back"], partial=False)
-    yield from _loops(spans)
-
-
-def _key(tag: TagUse) -> str:
-    return KEY_OF_KIND.get(tag.kind or "", "source")
+    yield from loops(spans)
 
 
 def _problem(tag: TagUse, key: str, text: str) -> Problem:
@@ -82,11 +53,10 @@ def _protocol(tag: TagUse, source: Item) -> Iterator[Problem]:
     kind = source.text("type")
     if tag.kind is None or kind not in KEY_OF_KIND:
         return
-    entry = tag.block.entries[_key(tag)]
-    text = (
-        f"found {_key(tag)}, but {shown(source.name or '')} is a source of type {kind}, expected {KEY_OF_KIND[kind]}"
-    )
-    yield Problem(entry.line, entry.column, (*tag.path, _key(tag)), text)
+    entry = tag.block.entries[key_of(tag)]
+    named = shown(source.name or "")
+    text = f"found {key_of(tag)}, but {named} is a source of type {kind}, expected {KEY_OF_KIND[kind]}"
+    yield Problem(entry.line, entry.column, (*tag.path, key_of(tag)), text)
 
 
 def _recording(tag: TagUse, source: Item | None, facts: Facts) -> Iterator[Problem]:
@@ -128,7 +98,7 @@ def _modbus(tag: TagUse, source: Item | None, spans: list[Span]) -> Iterator[Pro
         return
     if source is not None:
         label = f"{data_type} at {address}"
-        spans.append(Span(_device(source), address.table, address.offset, address.offset + width, tag, label))
+        spans.append(Span(device_of(source), address.table, address.offset, address.offset + width, tag, label))
 
 
 def _byte_order(tag: TagUse, data_type: str | None, width: int | None) -> Iterator[Problem]:
@@ -149,41 +119,12 @@ def _opcua(tag: TagUse, source: Item | None, spans: list[Span]) -> Iterator[Prob
         return
     if source is not None:
         element = index.value if isinstance(index, Scalar) else None
-        spans.append(Span(_device(source), (address, element), 0, 1, tag, str(address)))
-
-
-def _device(source: Item) -> tuple[Any, ...]:
-    """What tells a device from others, so that one that is declared twice is known as the same."""
-    if source.text("type") == "opcua":
-        found = host_and_port(source.text("url") or "", _OPCUA_PORT)
-        return ("opcua", *found) if found else ("source", source.name)
-    transport = below(source.block, "transport")
-    host, device = text_at(transport, "host"), text_at(transport, "device")
-    if host is None and device is None:
-        return ("source", source.name)
-    port, unit = below(transport, "port"), below(source.block, "unit_id")
-    return (
-        "modbus",
-        device or host,
-        _MODBUS_PORT if port is None else _value(port),
-        1 if unit is None else _value(unit),
-    )
-
-
-def _value(node: Node | None) -> Any:
-    return node.value if isinstance(node, Scalar) else None
-
-
-def _by_table(spans: list[Span]) -> dict[Any, list[Span]]:
-    tables: dict[Any, list[Span]] = defaultdict(list)
-    for span in spans:
-        tables[span.device, span.table].append(span)
-    return tables
+        spans.append(Span(device_of(source), (canonical(address), element), 0, 1, tag, str(address)))
 
 
 def _overlaps(spans: list[Span], *, partial: bool) -> Iterator[Problem]:
     """Neighbours that share registers; `partial`: tags that start alike are the same value, read twice."""
-    for table in _by_table(spans).values():
+    for table in by_table(spans).values():
         table.sort(key=lambda span: (span.start, span.stop))
         furthest = table[0]
         for span in table[1:]:
@@ -192,23 +133,6 @@ def _overlaps(spans: list[Span], *, partial: bool) -> Iterator[Problem]:
                 same = (first.start, first.stop) == (second.start, second.stop)
                 how = "is written already" if same else f"overlaps {first.label}"
                 text = f"{second.label} {how} ({first.tag}, line {first.line}), expected another address"
-                yield _problem(second.tag, _key(second.tag), text)
+                yield _problem(second.tag, key_of(second.tag), text)
             if span.stop > furthest.stop:
                 furthest = span
-
-
-def _loops(spans: list[Span]) -> Iterator[Problem]:
-    """Write-backs onto something that is read: the observer would filter its own output."""
-    read = _by_table([span for span in spans if span.tag.role != "write_back"])
-    reader = {(key, place): span for key, table in read.items() for span in table for place in span.places}
-    for span in spans:
-        if span.tag.role != "write_back":
-            continue
-        key = (span.device, span.table)
-        other = next((reader[key, place] for place in span.places if (key, place) in reader), None)
-        if other is not None:
-            text = (
-                f"{span.label} is also read ({other.tag}, line {other.line}), which closes a loop, "
-                "expected an address that softplc does not read"
-            )
-            yield _problem(span.tag, _key(span.tag), text)

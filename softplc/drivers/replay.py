@@ -58,6 +58,7 @@ class ReplayDriver:
 
     problems: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    writes_at_once = 1
 
     def __init__(self, source: ReplaySource, readings: Sequence[ReplayTag], clock: Clock) -> None:
         self._source, self._readings, self._clock = source, readings, clock

@@ -31,8 +31,9 @@ class AxisSpec:
     `held_after`: repetition after which `predict` takes a value as held. `reinit_after`: time without a usable
     sample, beside the task's period, after which the observer starts anew. `skipped_time`: what becomes of the time
     of scans without a usable sample; `lose` only with `dt_source` scan. `tuning_writable`: clients may write the
-    tuning. `consistency`: window and lags of the consistency tags, None for none. `shadow`: which of position and
-    velocity the PLC estimates itself; `shadow_settling`: time after a start before their largest differences count.
+    tuning. `writes`: outputs are written into a source. `consistency`: window and lags of the consistency tags, None
+    for none. `shadow`: which of position and velocity the PLC estimates itself; `shadow_settling`: time after a start
+    before their largest differences count.
     `on_bad`, `on_lost`: what is shown where no sample is usable, while the link lives and while it does not.
     `coast_max`, `coast_max_sigma` (in `unit`): where a coast ends, and `after_coast` comes. `reinit_samples`: fresh
     samples after an outage until the outputs are Good.
@@ -51,6 +52,7 @@ class AxisSpec:
     reinit_after: float = 1.0
     skipped_time: SkippedTime = "accumulate"
     tuning_writable: bool = False
+    writes: bool = False
     consistency: tuple[int, int] | None = None
     shadow: tuple[Literal["position", "velocity"], ...] = ()
     shadow_settling: float = 0.0
@@ -118,7 +120,8 @@ def leaves_of(spec: AxisSpec, observer: ObserverModel) -> tuple[str, ...]:
     judged = consistency_leaves(observer.estimates) if spec.consistency else ()
     for quantity in spec.shadow:
         judged += (f"{quantity.capitalize()}Delta", f"{quantity.capitalize()}DeltaMax")
-    state = ("Dt", "Age", "Skipped", "State", "Quality", "Reason", "Enabled", *COMMANDS)
+    writes = ("WriteState",) if spec.writes else ()
+    state = ("Dt", "Age", "Skipped", "State", "Quality", "Reason", "Enabled", *writes, *COMMANDS)
     now = () if spec.dead_time is None else NOW
     return ("Position", "Velocity", "Raw", *observer.estimates, *now, *judged, *state, *observer.tuning)
 

@@ -96,6 +96,7 @@ _STATE: Final = (
     Leaf("Quality", "", "0 Bad, 1 Uncertain, 2 Good", DataType.UINT16),
     Leaf("Reason", "", "Why the outputs are not Good; 0 when they are", DataType.UINT16),
     Leaf("Enabled", "", "The observer runs", DataType.BOOLEAN),
+    Leaf("WriteState", "", "The worst of the axis' write-backs: 1 when all is written", DataType.UINT16),
     Leaf("Consistency", "", "1 when the tuning fits; other numbers say what is wrong with it", DataType.UINT16),
 )
 _COMMANDS: Final = (

@@ -4,7 +4,6 @@ import asyncio
 import json
 import os
 import signal
-import time
 from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
@@ -14,7 +13,7 @@ from typing import Any, Final, NamedTuple
 from softplc.app.layout import build_layout
 from softplc.app.process import SPAWN
 from softplc.app.scan_process import build_tasks, start_tasks
-from softplc.clock import SystemClock
+from softplc.clock import SystemClock, monotonic
 from softplc.config.models import Config
 from softplc.emulator.run import run_emulator
 from softplc.emulator.scenario import Scenario
@@ -121,13 +120,13 @@ class Rig:
 
     async def rest(self, seconds: float) -> None:
         """Let scans go on for so long."""
-        until = time.monotonic() + seconds
-        while time.monotonic() < until:
+        until = monotonic() + seconds
+        while monotonic() < until:
             await self._scanned.wait()
 
     async def good(self, kind: str, since: float | None = None, scans: int = 1) -> float:
         """Start of the first of so many Good scans in a row that start after `since`."""
-        after = time.monotonic() if since is None else since
+        after = monotonic() if since is None else since
 
         def run() -> list[Seen]:
             last = self.seen[kind][-scans:]
@@ -144,7 +143,7 @@ class Rig:
         """All proxies to this mode; the monotonic time of it."""
         for kind in kinds:
             await self.proxies[kind].switch(mode)
-        return time.monotonic()
+        return monotonic()
 
     def since(self, start: float, kind: str) -> list[Seen]:
         """What the axis showed in scans that started at `start` or after."""

@@ -9,12 +9,12 @@ import asyncio
 import gc
 import random
 import signal
-import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from softplc.clock import monotonic
 from softplc.sample import StatusCode
 from tests.chaos import spoils
 from tests.chaos.claims import BACK, LATE, UNREPORTED, Size, descriptors, milliseconds, never_old, noticed
@@ -40,11 +40,11 @@ async def reset(rig: Rig, size: Size) -> str:
 
     async def one(kind: str) -> None:
         for _ in range(size.resets):
-            begun = time.monotonic()
+            begun = monotonic()
             rig.proxies[kind].reset()
             times[kind].append(await rig.good(kind, begun, 2) - begun)
 
-    begun = time.monotonic()
+    begun = monotonic()
     await asyncio.gather(*(one(kind) for kind in KINDS))
     never_old(rig, begun, size.detected)
     await rig.all_good()
@@ -90,12 +90,12 @@ def outages(mode: Mode) -> Callable[[Rig, Size], Awaitable[str]]:
 
 
 async def stopped(rig: Rig, size: Size) -> str:
-    start = time.monotonic()
+    start = monotonic()
     rig.signal(signal.SIGSTOP)
     try:
         await rig.rest(2.0)
     finally:
-        end = time.monotonic()
+        end = monotonic()
         rig.signal(signal.SIGCONT)
     back = await asyncio.gather(*(rig.good(kind, end) for kind in KINDS))
     await rig.all_good()
@@ -116,7 +116,7 @@ async def stopped(rig: Rig, size: Size) -> str:
 async def bad_replies(rig: Rig, size: Size) -> str:
     count = 0
     for spoil in (*spoils.ANY.values(), None):
-        start = time.monotonic()
+        start = monotonic()
         for kind in KINDS:
             rig.proxies[kind].spoil = spoil
             if spoil is None:
@@ -133,10 +133,10 @@ async def bad_replies(rig: Rig, size: Size) -> str:
 
 async def wrong_modbus(rig: Rig, size: Size) -> str:
     for name, spoil in spoils.MODBUS.items():
-        start = time.monotonic()
+        start = monotonic()
         rig.proxies["modbus"].spoil = spoil
         await rig.rest(1.0 if size.strict else 0.1)
-        end = time.monotonic()
+        end = monotonic()
         rig.proxies["modbus"].spoil = None
         await rig.good("modbus", end, 2)
         good = [seen for seen in rig.since(start, "modbus") if seen.good and seen.start < end]
@@ -146,9 +146,9 @@ async def wrong_modbus(rig: Rig, size: Size) -> str:
 
 
 async def other_server(rig: Rig, size: Size) -> str:
-    start = time.monotonic()
+    start = monotonic()
     await rig.replace_opcua(shift=True)
-    ready = time.monotonic()
+    ready = monotonic()
     back = await asyncio.gather(*(rig.good(kind, ready) for kind in ("poll", "subscribe")))
     await rig.all_good()
     never_old(rig, start, size.detected)
@@ -157,9 +157,9 @@ async def other_server(rig: Rig, size: Size) -> str:
 
 async def dead_subscription(rig: Rig, size: Size) -> str:
     rig.proxies["subscribe"].spoil = spoils.WithoutPublishResponses()
-    start = time.monotonic()
+    start = monotonic()
     await rig.rest(LATE + 0.8)
-    end = time.monotonic()
+    end = monotonic()
     rig.proxies["subscribe"].spoil = None
     rig.proxies["subscribe"].reset()
     await rig.good("subscribe", end, 5)
@@ -175,9 +175,9 @@ async def slow(rig: Rig, size: Size) -> str:
             rig.proxies[kind].delay = scans * PERIOD / 2  # there and back
             rig.proxies[kind].most_ahead = 0
         await rig.rest(0.3)
-        start = time.monotonic()
+        start = monotonic()
         await rig.rest(3.0 if size.strict else 0.6)
-        end = time.monotonic()
+        end = monotonic()
         for kind in ("poll", "modbus"):
             proxy = rig.proxies[kind]
             seen = [each for each in rig.since(start, kind) if each.start < end]
@@ -197,14 +197,14 @@ FAULTS = ("stall", "hold", "blackhole", "refuse", "delay", "spoil", "reset", "tr
 async def everything(rig: Rig, size: Size) -> str:
     """Faults drawn by lot, often several at a time, each source by itself; the same ones each time."""
     chance = random.Random(7)
-    start = time.monotonic()
+    start = monotonic()
     until = start + (120.0 if size.strict else 3.0)
     counts: dict[str, int] = {}
 
     async def torment(kind: str) -> None:
         proxy = rig.proxies[kind]
         bad = list(spoils.ANY.values()) + (list(spoils.MODBUS.values()) if kind == "modbus" else [])
-        while time.monotonic() < until:
+        while monotonic() < until:
             fault = chance.choice(
                 ("stall", "hold", "blackhole", "refuse", "delay", "spoil", "reset", "truncate", "nothing")
             )

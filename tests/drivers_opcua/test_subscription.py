@@ -10,14 +10,14 @@ from asyncua import ua
 
 from softplc.clock import SystemClock
 from softplc.drivers.opcua.binding import Binding
-from softplc.drivers.opcua.driver import OpcUaDriver
+from softplc.drivers.opcua.driver import REBIND, OpcUaDriver
 from softplc.drivers.opcua.node import NodeIdAddress
 from softplc.drivers.opcua.witnesses import MOST, Witnesses
 from softplc.errors import LinkError
 from softplc.tags import Image
 from tests.chaos.spoils import WithoutPublishResponses
 from tests.drivers_opcua.conftest import StartPlc
-from tests.drivers_opcua.opened import make_driver, opened, read, read_until
+from tests.drivers_opcua.opened import ForwardClock, make_driver, opened, read, read_until
 from tests.drivers_opcua.servers import AsyncuaPlc, NodePlc
 from tests.support.proxy import Mode, Proxy
 
@@ -218,3 +218,24 @@ async def test_of_many_variables_the_last_reported_and_some_others_in_turn_are_w
     called = [witnesses.some() for _ in range(10)]
     assert all(set(range(90, 100)) <= set(numbers) and len(numbers) <= MOST for numbers in called)
     assert set().union(*called) == set(range(100))
+
+
+@pytest.mark.parametrize("part", ["report", "chores"])
+async def test_a_defect_where_reports_are_taken_or_in_the_chores_ends_the_connection_not_the_process(
+    plc: NodePlc, part: str
+):
+    clock = ForwardClock()
+
+    async def defect(*_: object) -> None:
+        raise ZeroDivisionError
+
+    def raises(*_: object) -> None:
+        raise ZeroDivisionError
+
+    async with opened(plc.url, [f"{AXIS}.Ramp"], mode="subscribe", clock=clock) as driver:
+        if part == "report":
+            driver._subscription._deliver = raises
+        else:
+            driver._rebind = defect
+            clock.ahead = 2.0 * REBIND  # the next read finds them due
+        assert "ZeroDivisionError" in str(await link_error(driver))

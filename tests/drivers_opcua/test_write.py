@@ -88,3 +88,24 @@ async def test_a_variable_whose_type_changed_is_written_as_the_new_type_soon_aft
         await read_until(driver, image, lambda: not driver.problems)
         assert await driver.write({0: 3.0}) == {0: 0}
         assert (await read(driver, 1)).values[0] == 3.0
+
+
+async def test_a_node_that_is_read_under_another_spelling_is_never_written(plc: NodePlc):
+    readings = [
+        "/Objects/2:PLC/2:Axis/2:Target",
+        "nsu=urn:softplc:test:plc;s=PLC.Axis.Count",
+        (f"{AXIS}.Scratch", 0),
+        f"{AXIS}.Held",
+    ]
+    scratch = "nsu=urn:softplc:test:plc;s=PLC.Axis.Scratch"
+    writings = [f"{AXIS}.Target", f"{AXIS}.Count", (scratch, 0), (scratch, 1), f"{AXIS}.Held"]
+    async with opened(plc.url, readings, writings) as driver:
+        before = (await read(driver, 4)).values.tolist()
+        statuses = await driver.write(dict.fromkeys(range(5), 77.0))
+        after = (await read(driver, 4)).values.tolist()
+
+        loop = StatusCode.BAD_CONFIGURATION_ERROR
+        # the last two are no loops: another element, and the tag's own read-back
+        assert statuses == {0: loop, 1: loop, 2: loop, 3: StatusCode.GOOD, 4: StatusCode.GOOD}
+        assert after == [*before[:3], 77.0]
+        assert sum("closes a loop" in problem for problem in driver.problems) == 3

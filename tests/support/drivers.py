@@ -40,6 +40,7 @@ class DeviceDriver:
 
     problems: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    writes_at_once = 100
 
     def __init__(self, device: Device) -> None:
         self._device = device

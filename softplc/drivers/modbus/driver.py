@@ -30,6 +30,7 @@ class ModbusDriver:
     """One connection to one unit of a Modbus device, over TCP, a serial line, or a serial line behind TCP."""
 
     remarks: tuple[str, ...] = ()
+    writes_at_once = 1  # another value may be newer by the time that the first is confirmed
 
     def __init__(
         self, config: ModbusSource, readings: Sequence[ModbusTag], writings: Sequence[ModbusTag], clock: Clock

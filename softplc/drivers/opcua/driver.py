@@ -21,7 +21,7 @@ from typing import Final
 from asyncua import ua
 
 from softplc.clock import Clock
-from softplc.drivers.opcua.binding import Binding, bind, group, put, read_value, server_time
+from softplc.drivers.opcua.binding import Binding, bind, find_loops, group, put, read_value, server_time
 from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
 from softplc.drivers.opcua.credentials import Credentials
 from softplc.drivers.opcua.fast.plain import SlowState
@@ -72,6 +72,7 @@ class OpcUaDriver:
         self._readings = group(readings)
         self._writings = [group([tag])[0] for tag in writings]
         self._indices = [tag.index for tag in writings]
+        self._loops: dict[int, str] = {}  # writings that are never written: they are read as well
         self._session = Session(
             config.url,
             Credentials.load(config.user, config.security),
@@ -95,7 +96,8 @@ class OpcUaDriver:
     @property
     def problems(self) -> tuple[str, ...]:
         """What is wrong with single tags: what was found, what would be right. Changes while connected."""
-        return tuple(binding.problem for binding in (*self._readings, *self._writings) if binding.problem)
+        told = [binding.problem for binding in (*self._readings, *self._writings) if binding.problem]
+        return (*told, *self._loops.values())
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -107,6 +109,11 @@ class OpcUaDriver:
             slow, asked = self._subscription.sampling * 1000.0, self._sampling * 1000.0
             told.append(f"the server samples every {slow:g} ms, {asked:g} ms were asked for")
         return tuple(told)
+
+    @property
+    def writes_at_once(self) -> int:
+        """The server's limit for one request."""
+        return self._session.limits.write
 
     @property
     def skipped(self) -> int:
@@ -156,6 +163,9 @@ class OpcUaDriver:
         ready: list[int] = []
         for position, value in values.items():
             binding = self._writings[position]
+            if position in self._loops:
+                statuses[position] = StatusCode.BAD_CONFIGURATION_ERROR
+                continue
             if binding.node is None or binding.variant_type is None or is_bad(binding.status):
                 statuses[position] = binding.status if is_bad(binding.status) else StatusCode.BAD_TYPE_MISMATCH
                 continue
@@ -194,6 +204,7 @@ class OpcUaDriver:
         await self._session.open(connect_timeout)
         await bind(self._session, self._readings)
         await bind(self._session, self._writings)
+        self._loops.update(find_loops(self._readings, self._writings))
         if self._config.mode == "subscribe":
             await self._subscribe()
             await self._await_first_values(deadline)
@@ -272,6 +283,12 @@ class OpcUaDriver:
         if due and (self._chores is None or self._chores.done()):
             self._chores_at = now + REBIND
             self._chores = asyncio.get_running_loop().create_task(self._do_chores(), name="opcua chores")
+            self._chores.add_done_callback(self._chores_done)
+
+    def _chores_done(self, chores: "asyncio.Task[None]") -> None:
+        error = None if chores.cancelled() else chores.exception()
+        if error is not None:
+            self._fault = LinkError(f"{self._session.url}: a defect: {error!r}")
 
     async def _do_chores(self) -> None:
         try:
@@ -289,6 +306,7 @@ class OpcUaDriver:
         await self._session.refresh_namespaces()
         await bind(self._session, lost)
         await bind(self._session, unwritable)
+        self._loops.update(find_loops(self._readings, self._writings))
         if self._subscription is None:
             self._plan = self._make_plan()
         else:

@@ -85,7 +85,7 @@ class Subscription:
         for number in range(OUTSTANDING):
             worker = asyncio.get_running_loop().create_task(self._publish(), name=f"opcua publish {number}")
             self._workers.add(worker)
-            worker.add_done_callback(self._workers.discard)
+            worker.add_done_callback(self._ended)
 
     async def monitor(self, bindings: Sequence[Binding], handles: Sequence[int], sampling: float, queue: int) -> None:
         """Report changes of these variables under these handles; a variable that is refused has its problem told.
@@ -160,6 +160,14 @@ class Subscription:
             if code == ua.StatusCodes.BadTooManyPublishRequests and len(self._workers) > 1:
                 return  # the server takes fewer at a time; the others go on
             self.fault = error
+            self.news.set()
+
+    def _ended(self, worker: "asyncio.Task[None]") -> None:
+        """A worker is done; one that a defect ended ends the connection, for what it had to deliver is lost."""
+        self._workers.discard(worker)
+        error = None if worker.cancelled() else worker.exception()
+        if error is not None:
+            self.fault = LinkError(f"{self._session.url}: a report could not be taken: {error!r}")
             self.news.set()
 
     def _take(self, response: ua.PublishResponse) -> list[ua.SubscriptionAcknowledgement]:

@@ -48,10 +48,13 @@ TASK: Final = Frame(
         "Heartbeat": 0,
         "ScanNumber": 2,
         "Overruns": 4,
+        "Overloaded": 6,
+        "CommandsRefused": 8,
         "Period": 10,
         "Dt": 12,
         "Jitter": 14,
         "ExecutionTime": 16,
+        "Suspended": 18,
         "DtP50": 20,
         "DtP95": 22,
         "DtP99": 24,
@@ -83,6 +86,7 @@ SOURCE: Final = Frame(
     },
     (),
     range(16, 20),
+    frozenset({"WriteMismatches"}),
 )
 AXIS: Final = Frame(
     AXES,
@@ -153,7 +157,7 @@ AXIS: Final = Frame(
     range(50, 64),
     frozenset(
         {"K2", "P02", "P12", "P22", "LowerStop", "UpperStop", "Skipped", "Reset"}
-        | {"PositionNow", "VelocityNow", "Horizon"}
+        | {"PositionNow", "VelocityNow", "Horizon", "WriteState"}
         | {"min_r", "GateSigma", "GateMost", "BleedOn", "BleedVelocity"}
         | {"HoldProbability", "CruiseProbability", "ManoeuvreProbability"}
         | {"NISLow", "NISHigh", "AutocorrelationMax", "AutocorrelationLimit", "MinEigenvalue", "CovarianceValid"}

@@ -6,6 +6,7 @@ import errno
 import gc
 import ipaddress
 import logging
+import re
 import socket
 from collections.abc import Iterator
 from dataclasses import replace
@@ -29,7 +30,9 @@ from softplc.publishers.opcua.values import TagValues, Watch, utc
 
 _ITEMS_PER_TURN: Final = 256  # tags notified before the loop's other tasks get their turn
 _USUAL_INTERVAL_MS: Final = 50.0  # told to clients before the first scan where no interval is configured
-_SERVICE_LEVELS: Final = {"all": 255, "some": 100, "none": 1}  # OPC 10000-4, 6.6.2.4.2: Healthy, Degraded, NoData
+_SERVICE_LEVELS: Final = {"all": 255, "late": 150, "some": 100, "none": 1}  # OPC 10000-4, 6.6.2.4.2
+"""Healthy; Degraded, as a task misses its deadlines; Degraded, as only some scan; NoData."""
+_OVERLOADED: Final = re.compile(r"Tasks\.[^.]*\.Overloaded")
 _UNKNOWN_DATE: Final = datetime(1601, 1, 1, tzinfo=UTC)
 _OPERATION_LIMITS: Final = (
     "MaxNodesPerRead", "MaxNodesPerWrite", "MaxNodesPerMethodCall", "MaxNodesPerBrowse", "MaxNodesPerRegisterNodes",
@@ -57,6 +60,7 @@ class OpcUaServer:
         self._attributes: list[Any] = []
         self._second = 0
         self._service_level = -1
+        self._overloaded = [index for index, tag in enumerate(reader.table) if _OVERLOADED.fullmatch(tag.name)]
 
     async def open(self) -> str:
         """Build the address space and listen. Raises SoftplcError when the address is not to be had."""
@@ -160,7 +164,10 @@ class OpcUaServer:
 
     async def _tell_service_level(self, now: int) -> None:
         alive = self._values.snapshot.alive if self._values.snapshot else ()
-        level = _SERVICE_LEVELS["all" if all(alive) else "some" if any(alive) else "none"]
+        state = "all" if all(alive) else "some" if any(alive) else "none"
+        if state == "all" and any(self._values.values[index] == 1.0 for index in self._overloaded):
+            state = "late"
+        level = _SERVICE_LEVELS[state]
         if level != self._service_level:
             self._service_level = level
             await self._write(ua.ObjectIds.Server_ServiceLevel, ua.Variant(level, ua.VariantType.Byte), now)

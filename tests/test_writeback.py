@@ -1,0 +1,225 @@
+"""Write-backs: the newest Good value or none, read back where asked, and what the axis shows of it."""
+
+import asyncio
+
+import structlog
+
+from softplc.clock import SystemClock, VirtualClock
+from softplc.sample import StatusCode
+from softplc.writeback import ReadBack, WriteBack, WriteState
+from tests.support.network import eventually
+from tests.support.tasks import Rig
+
+PERIOD = 0.1
+
+
+def rig_with(clock=None, **settings) -> Rig:
+    """Reading 0 is the input, which the observer echoes; reading 1 the tag that it is written to, shown as state."""
+    rig = Rig(clock, period=PERIOD, readings=2, timeout=settings.pop("timeout", 0.2))
+    read_back = ReadBack(1, tolerance=0.01, within=0.5) if settings.pop("verify", False) else None
+    rig.write_backs(
+        WriteBack(
+            rig.echo.start, rig.link, 0, read_back=read_back, name="Echo.0", state=rig.echo.start + 1, **settings
+        )
+    )
+    return rig
+
+
+def obey(rig, clamp=float("inf")):
+    """The device holds what was written, or as much of it as it takes."""
+    if rig.device.written:
+        rig.device.values[1] = min(rig.device.written[-1][0], clamp)
+
+
+async def test_a_slow_writer_gets_the_newest_value_each_time_and_publishing_goes_on():
+    rig = rig_with(SystemClock(), timeout=30.0)
+    newest, stamps, states, released = [], [], set(), asyncio.Event()
+
+    async def slow(values, write=None):
+        newest.append((values[0], rig.device.values[0]))
+        rig.device.written.append(dict(values))
+        await released.wait()
+        return dict.fromkeys(values, 0)
+
+    driver = rig.device.driver
+
+    def slow_driver():
+        made = driver()
+        made.write = slow
+        return made
+
+    rig.link._make_driver = slow_driver
+
+    def scan(scan):
+        rig.device.values[0] = float(scan.number)
+        stamps.append(rig.value("Tasks.main.ScanNumber"))
+        states.add(int(rig.value("Echo.1")))
+        if scan.number % 7 == 6:  # each write takes seven scans
+            released.set()
+            released.clear()
+
+    await rig.run(40, scan)
+
+    assert stamps == [float(number) for number in range(40)]
+    assert 3 <= len(newest) <= 8
+    # what is written is of the newest scan, which read what the device had then; the next one changes it at once
+    assert all(held - written <= 1.0 for written, held in newest)
+    # one request at a time: while the device takes its time to write, it is not read, and nothing is Good
+    assert {WriteState.WRITTEN, WriteState.WITHHELD} <= states
+
+
+async def test_a_value_that_a_stopped_process_held_is_not_written_when_it_goes_on():
+    rig = rig_with()
+
+    def stop_between_the_scan_and_its_write(scan):
+        rig.device.values[0] = float(scan.number)  # which the next scan reads, and writes
+        if scan.number == 5:
+            rig.clock.advance(10.0)
+
+    scans = await rig.run(10, stop_between_the_scan_and_its_write)
+
+    assert scans[6].dt > 10.0
+    written = [write[0] for write in rig.device.written]
+    assert 4.0 not in written  # what scan 5 had read ten seconds ago
+    assert {3.0, 5.0} <= set(written)
+
+
+async def test_a_value_that_waited_for_its_turn_while_the_machine_slept_is_not_written():
+    clock = VirtualClock()
+    rig = rig_with(clock)
+    async with asyncio.TaskGroup() as group:
+        running = group.create_task(rig.link.run())
+        await eventually(lambda: rig.link.statistics.connected)
+        rig.link.put(0, 1.0, until=clock.monotonic() + 0.3)
+        async with rig.link._turn:  # a read is under way
+            rig.link.flush()
+            await asyncio.sleep(0)
+            clock.suspend(3600.0)
+        for _ in range(10):
+            await asyncio.sleep(0)
+        assert rig.device.written == []
+        assert rig.link.writing.pending(0)  # until a newer one comes, or it is withdrawn
+        rig.link.put(0, 2.0, until=clock.monotonic() + 0.3)
+        rig.link.flush()
+        await eventually(lambda: rig.device.written == [{0: 2.0}])
+        running.cancel()
+
+
+async def test_a_device_that_takes_one_value_at_a_time_is_read_between_two_of_them():
+    rig = Rig(SystemClock(), period=PERIOD)
+    order = []
+    driver = rig.device.driver
+
+    def make():
+        made = driver()
+        made.writes_at_once = 1
+        read, write = made.read, made.write
+
+        async def noted_read(into):
+            order.append("read")
+            await read(into)
+
+        async def noted_write(values):
+            order.append("write")
+            assert len(values) == 1
+            await asyncio.sleep(0.03)
+            return await write(values)
+
+        made.read, made.write = noted_read, noted_write
+        return made
+
+    rig.link._make_driver = make
+    rig.link.writing._names = ["a", "b", "c", "d", "e", "f"]
+
+    def put(scan):
+        if scan.number == 1:
+            for position in range(6):
+                rig.link.put(position, float(position))
+
+    await rig.run(8, put)
+    first, last = order.index("write"), len(order) - 1 - order[::-1].index("write")
+    assert order.count("write") == 6
+    assert "read" in order[first:last]
+
+
+async def test_what_is_read_back_as_written_is_written():
+    rig = rig_with(verify=True)
+    states = []
+
+    def scan(scan):
+        rig.device.values[0] = 0.5 * scan.number
+        obey(rig)
+        states.append(int(rig.value("Echo.1")))
+
+    await rig.run(40, scan)
+    assert set(states[10:]) == {WriteState.WRITTEN}
+    assert rig.value("Sources.plc.WriteMismatches") == 0
+
+
+async def test_a_plc_that_clamps_is_a_mismatch_told_once_and_counted_until_it_takes_the_value_again():
+    rig = rig_with(verify=True)
+    states = []
+
+    def scan(scan):
+        rig.device.values[0] = 5.0 if scan.number < 20 or scan.number >= 60 else 50.0
+        obey(rig, clamp=10.0)
+        states.append(int(rig.value("Echo.1")))
+
+    with structlog.testing.capture_logs() as lines:
+        await rig.run(90, scan)
+
+    assert states[19] == WriteState.WRITTEN
+    assert set(states[30:60]) == {WriteState.MISMATCH}
+    assert states[-1] == WriteState.WRITTEN
+    assert rig.value("Sources.plc.WriteMismatches") == 1
+    told = [line for line in lines if line["event"].startswith("written value")]
+    assert [line["event"] for line in told] == [
+        "written value reads back different",
+        "written value reads back as written again",
+    ]
+    assert (told[0]["wrote"], told[0]["found"], told[0]["tag"]) == (50.0, 10.0, "w")
+
+
+async def test_a_tag_that_lags_by_less_than_the_limit_is_no_mismatch():
+    rig = rig_with(verify=True)
+    states = []
+
+    def scan(scan):
+        rig.device.values[0] = float(scan.number)
+        if len(rig.device.written) > 3:
+            rig.device.values[1] = rig.device.written[-4][0]  # a slow cycle of the PLC; the limit is five periods
+        states.append(int(rig.value("Echo.1")))
+
+    await rig.run(40, scan)
+    assert WriteState.MISMATCH not in states
+    assert states[-1] == WriteState.WRITTEN
+
+
+async def test_a_written_tag_that_cannot_be_read_is_unverified():
+    rig = rig_with(verify=True)
+    rig.device.statuses[1] = StatusCode.BAD_NOT_READABLE
+    await rig.run(10)
+    assert rig.value("Echo.1") == WriteState.UNVERIFIED
+
+
+async def test_an_output_that_is_not_good_is_withheld_and_what_a_source_refuses_is_refused():
+    rig = rig_with(every_scans=1)
+    rig.device.write_status = StatusCode.BAD_NOT_WRITABLE
+    await rig.run(5)
+    assert rig.value("Echo.1") == WriteState.REFUSED
+    rig.device.statuses[0] = StatusCode.UNCERTAIN_LAST_USABLE_VALUE
+    await rig.run(3)
+    assert rig.value("Echo.1") == WriteState.WITHHELD
+
+
+async def test_a_device_that_refuses_every_other_write_fills_no_log():
+    rig = rig_with(every_scans=1)
+
+    def flicker(scan):
+        rig.device.write_status = StatusCode.BAD_NOT_WRITABLE if scan.number % 2 else 0
+
+    with structlog.testing.capture_logs() as lines:
+        await rig.run(900, flicker)  # 90 s
+    told = [line for line in lines if line["event"].startswith("write ")]
+    assert 6 <= len(told) <= 12
+    assert sum(line.get("suppressed", 0) for line in told) > 300
