@@ -77,7 +77,7 @@ class AxisGroup:
         self._inputs = inputs
         self.enable.read(inputs)
         self._obey()
-        self.samples.judge(scan, inputs, self._has_values)
+        self.samples.judge(scan, inputs, self._has_values, self.time.unseen)
         if self.samples.signal is not None and self.samples.signal.anew is not None:
             self._kernel.init[self.samples.signal.anew] = False
         self.time.advance(scan, self.samples, self.enable.state, self._kernel.init, self._steps_of_the_plc(inputs))

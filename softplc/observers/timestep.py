@@ -22,7 +22,8 @@ class TimeStep:
     `dt`: the step where `rows` is true, the time to predict over where `predict` is true. `rows`: the observer
     takes this sample (or passes it through, where it is disabled). `predict`: it does not, and what is published
     is the state carried on to now. `timestamps`: source timestamp of the newest used sample, ns. `skipped`: scans
-    since start in which an enabled axis had no usable sample or no time went by.
+    since start in which an enabled axis had no usable sample or no time went by. `unseen`: time since the last usable
+    sample, as of the last scan.
     """
 
     def __init__(self, places: Sequence[AxisPlace]) -> None:
@@ -37,7 +38,7 @@ class TimeStep:
         self._by_scan_only = not (self._by_stamp.any() or self._may_predict.any())
 
         self._pending = np.zeros(n)  # measured time since the last step
-        self._unseen = np.zeros(n)  # measured time since the last usable sample
+        self.unseen = np.zeros(n)
         self._repeated_for = np.zeros(n)
         self._ahead = np.zeros(n)  # how far the state's time is ahead of the last used sample's stamp
         self._read = np.full(n, np.nan)  # the last used sample
@@ -67,10 +68,10 @@ class TimeStep:
         elapsed = scan.dt if 0.0 < scan.dt < math.inf else 0.0
         usable = samples.usable
         self._pending += elapsed
-        self._unseen += elapsed
+        self.unseen += elapsed
 
         # Start again after disable, and after too long without a usable sample: a scan's own period is no gap.
-        np.subtract(self._unseen, scan.period, out=self._gap)
+        np.subtract(self.unseen, scan.period, out=self._gap)
         np.less_equal(self._gap, self._reinit_after, out=self._flag)
         np.logical_and(init, self._flag, out=init)
         np.logical_and(init, enabled, out=init)
@@ -96,7 +97,7 @@ class TimeStep:
         if not elapsed > 0.0 or not usable.all():
             self._skip(elapsed, usable, enabled)
         np.copyto(self._pending, 0.0, where=self.rows)
-        np.copyto(self._unseen, 0.0, where=usable)
+        np.copyto(self.unseen, 0.0, where=usable)
         np.copyto(self.timestamps, samples.timestamps, where=usable)
         np.copyto(self._read, samples.read, where=usable)
         np.copyto(self._arrivals, samples.arrivals, where=usable)
