@@ -25,7 +25,7 @@ _WORDS: Final = {"hold": _HOLD, "coast": _COAST, "passthrough": _PASS, "fail": _
 _STATE_OF: Final = np.array(
     [AxisState.RUN, AxisState.COAST, AxisState.HOLD, AxisState.FAIL, AxisState.PASSTHROUGH], np.uint8
 )
-_STARTING: Final = (Result.INITIALISED, Result.WARMING_UP, Result.DT_INVALID)
+_STARTING: Final = np.isin(np.arange(len(Result)), (Result.INITIALISED, Result.WARMING_UP, Result.DT_INVALID))
 _STILL: Final = 0.1  # s; a value that stands still on a live link counts as a fresh one so often
 _BAD: Final = np.uint32(StatusCode.BAD)
 
@@ -141,13 +141,14 @@ class Modes:
             self._tell(samples, shown, lost)
 
         used = shown == _USE
-        starting = used & np.isin(results, _STARTING) & time.rows
+        starting = used & _STARTING[results] & time.rows
         self._settle(samples, time, used, enabled)
         state = _STATE_OF[shown]
         state[used & (self._left > 0)] = AxisState.REINIT
         state[starting] = np.where(self._ran[starting], AxisState.REINIT, AxisState.INIT)
         stuck = time.rows & ~finite & enabled
         self._out |= stuck & self._ran
+        self._left[stuck] = np.where(self._left > 0, self._wanted, 0)[stuck]
         state[stuck] = np.where(self._values[stuck], AxisState.HOLD, AxisState.FAIL)
         state[~self._values & ((shown == _HOLD) | (shown == _FAIL))] = AxisState.INIT
         state[~enabled] = AxisState.DISABLED
