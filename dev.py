@@ -5,6 +5,7 @@
   python3 dev.py test [...]     the whole test suite; what follows goes to pytest
   python3 dev.py lint           ruff, mypy and the import contracts
   python3 dev.py bench [NAME]   one benchmark of bench/, or their names
+  python3 dev.py soak [...]     a million scans of every observer with faulty samples, every status checked
   python3 dev.py chaos [...]    every fault of a source that we know, and what came of it, as a table
   python3 dev.py softplc [...]  any other softplc command, as in: dev.py softplc check my.yaml
 
@@ -33,6 +34,7 @@ LOCK = ROOT / "requirements.lock"
 STAMP = VENV / "made-from"
 LINTERS = ("ruff check", "ruff format --check", "mypy", "lint-imports")
 COMMANDS = {"demo": "softplc demo", "test": "pytest", "lint": "", "bench": "python", "chaos": "python -m tests.chaos"}
+COMMANDS["soak"] = "python -m tests.soak"
 COMMANDS["softplc"] = "softplc"
 
 

@@ -72,7 +72,9 @@ class Reason(IntEnum):
     INNOVATION_GATE = 16  # the sample lies too far from the prediction to be believed; predicted instead
     HELD_AT_STOP = 17  # the estimate reached an end stop before the axis did and waits there for the contact
     FAR_OFF = 18  # the measurement is a thousand σ from the prediction: one of the two is not to be believed
-    RATE_EXCEEDED = 19  # the measurement moved faster than the axis can, rejected before the observer
+    RATE_EXCEEDED = 19  # faster than the axis can move, rejected before the observer
+    SETTLING = 20  # samples are fresh again after an outage; there are too few of them yet
+    PASSED_THROUGH = 21  # the input is no measurement; its number is shown as it is
 
 
 REASON_TEXT: Final[dict[Reason, str]] = {
@@ -96,6 +98,35 @@ REASON_TEXT: Final[dict[Reason, str]] = {
     Reason.HELD_AT_STOP: "estimate waits at the end stop for the contact",
     Reason.FAR_OFF: "measurement and prediction are a thousand sigma apart",
     Reason.RATE_EXCEEDED: "faster than the axis can move, rejected",
+    Reason.SETTLING: "fresh samples after an outage, the estimate settles",
+    Reason.PASSED_THROUGH: "input not usable as a measurement, passed through",
+}
+
+
+class AxisState(IntEnum):
+    """What the outputs of an axis are made of; published as `<axis>.State`. Outputs are Good in RUN alone."""
+
+    INIT = 0  # nothing has been estimated yet, or the first samples are
+    RUN = 1  # the observer follows its input
+    COAST = 2  # no usable sample: the state is carried on, and its variance grows
+    HOLD = 3  # no usable sample: the last values
+    FAIL = 4  # no usable sample: no values
+    REINIT = 5  # samples are back: the observer settles on them
+    PASSTHROUGH = 6  # no usable sample: the input's own number
+    DISABLED = 7  # the observer does not run
+    PARKED = 8  # the observer of this axis failed and is parked
+
+
+AXIS_STATE_TEXT: Final[dict[AxisState, str]] = {
+    AxisState.INIT: "initialising",
+    AxisState.RUN: "running",
+    AxisState.COAST: "coasting without a sample",
+    AxisState.HOLD: "holding the last values",
+    AxisState.FAIL: "no values",
+    AxisState.REINIT: "settling on fresh samples",
+    AxisState.PASSTHROUGH: "input passes through",
+    AxisState.DISABLED: "disabled",
+    AxisState.PARKED: "parked after a failure",
 }
 
 

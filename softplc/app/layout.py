@@ -4,12 +4,14 @@ The scan process and the gateway both build the layout from the same configurati
 same tag in both.
 """
 
+import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from softplc.config.models import Axis, Config, Source, Task, WriteBack
+from softplc.config.axis import Axis, WriteBack
+from softplc.config.models import Config, Source, Task
 from softplc.observers.aoi import AoiConfig
 from softplc.observers.axes import AxisPlace, AxisSpec, axis_tags, leaves_of
 from softplc.scan import source_tags, task_tags
@@ -97,6 +99,12 @@ def axis_spec(axis: Axis) -> AxisSpec:
         tuning_writable=axis.writable_tuning,
         consistency=axis.window,
         shadow=axis.shadow.quantities if axis.shadow else (),
+        on_bad=axis.on_bad,
+        on_lost=axis.policy_when_lost,
+        coast_max=axis.coast_max_ms / 1000.0,
+        coast_max_sigma=math.inf if axis.coast_max_sigma is None else axis.coast_max_sigma,
+        after_coast=axis.after_coast,
+        reinit_samples=axis.reinit_samples,
         shadow_settling=axis.shadow.settle_ms / 1000.0 if axis.shadow else 0.0,
         signal=axis.signal.spec(getattr(axis.input, "scale", 1.0)) if axis.signal else None,
         dead_time=None if axis.dead_time_ms is None else axis.dead_time_ms / 1000.0,

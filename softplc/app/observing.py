@@ -2,6 +2,7 @@
 
 import structlog
 
+from softplc.app.isolating import IsolatingObserver
 from softplc.app.layout import ObserverLayout
 from softplc.clock import Clock
 from softplc.config.models import KernelChoice
@@ -23,10 +24,10 @@ def build_observer(layout: ObserverLayout, choice: KernelChoice, clock: Clock) -
     Where numba does not load, `compiled` is a ConfigError, and `auto` a warning.
     """
     places, configs = layout.places, layout.configs
+    plain = type(configs[0]).build
     wanted = choice == "compiled" or (choice == "auto" and len(places) >= WORTH_COMPILING and available())
     if not isinstance(configs[0], AoiConfig) or not wanted:
-        observer: Observer = type(configs[0]).build(places, configs)
-        return observer
+        return IsolatingObserver(places, configs, plain)
 
     began = clock.monotonic()
     try:
@@ -38,7 +39,7 @@ def build_observer(layout: ObserverLayout, choice: KernelChoice, clock: Clock) -
                 f"realtime.kernel: compiled needs numba, which does not load: {error} ({cure})"
             ) from error
         log.warning("kernel not compiled, numpy does its work", reason=str(error), cure=cure)
-        return AoiConfig.build(places, configs)
+        return IsolatingObserver(places, configs, plain)
     from_cache = compiled.prepare("f4" if configs[0].precision == "real" else "f8")
     log.info(
         "compiled kernel ready",
@@ -46,4 +47,4 @@ def build_observer(layout: ObserverLayout, choice: KernelChoice, clock: Clock) -
         seconds=round(clock.monotonic() - began, 2),
         compiled="by an earlier start" if from_cache else "now",
     )
-    return AoiConfig.build(places, configs, compiled.step)
+    return IsolatingObserver(places, configs, lambda places, configs: AoiConfig.build(places, configs, compiled.step))

@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 from typing import Final
 
-from softplc.config.models import Axis, Config
+from softplc.config.axis import Axis
+from softplc.config.models import Config
 from softplc.observers.adaptive import AdaptiveConfig
 from softplc.observers.aoi import AoiConfig
 from softplc.observers.signal_config import Signal

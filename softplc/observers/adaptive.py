@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from softplc.interfaces import Observer
 from softplc.kernel.batch import adaptive as batch
+from softplc.kernel.batch.coast import adaptive_coast
 from softplc.kernel.result import Result
 from softplc.model import Model
 from softplc.observers.axes import AxisPlace, require_one_group
-from softplc.observers.kernel import Given, Numbers, StateKernel
+from softplc.observers.kernel import Flags, Given, Numbers, StateKernel
 from softplc.observers.observer import AxisObserver
 
 
@@ -52,7 +52,7 @@ class AdaptiveConfig(Model):
         return ("r_x", "top_speed", "top_acceleration", "GateSigma")
 
     @staticmethod
-    def build(places: Sequence[AxisPlace], configs: Sequence["AdaptiveConfig"]) -> Observer:
+    def build(places: Sequence[AxisPlace], configs: Sequence["AdaptiveConfig"]) -> AxisObserver:
         """One observer that steps all these axes; `configs` has one entry for each place.
 
         Raises ValueError when the configurations differ in their `group_key`, or the axes' blocks in their tags.
@@ -102,6 +102,11 @@ class AdaptiveKernel(StateKernel):
         )
         self._rejected += results == Result.REJECTED
         return results
+
+    def coast(self, dt: NDArray[np.float64], rows: Flags) -> bool:
+        """Every hypothesis goes on, and new ones are born."""
+        adaptive_coast(self._state, self._tuning, dt, rows)
+        return True
 
     def predict(self, dt: NDArray[np.float64]) -> tuple[Numbers, Numbers]:
         """At the estimated acceleration."""

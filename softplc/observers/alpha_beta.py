@@ -5,12 +5,14 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Final, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from softplc.interfaces import Observer
 from softplc.kernel.batch import alpha_beta as batch
+from softplc.kernel.batch.coast import alpha_beta_coast
 from softplc.model import Model
 from softplc.observers.axes import AxisPlace, require_one_group
+from softplc.observers.kernel import Flags
 from softplc.observers.observer import AxisObserver
 from softplc.observers.rows import RowsKernel
 
@@ -84,7 +86,7 @@ class AlphaBetaConfig(Model):
         }
 
     @staticmethod
-    def build(places: Sequence[AxisPlace], configs: Sequence["AlphaBetaConfig"]) -> Observer:
+    def build(places: Sequence[AxisPlace], configs: Sequence["AlphaBetaConfig"]) -> AxisObserver:
         """One observer that steps all these axes. Raises ValueError when they do not belong together."""
         require_one_group(places, configs)
         dtype = np.dtype(np.float32 if configs[0].precision == "real" else np.float64)
@@ -99,7 +101,7 @@ class AlphaBetaConfig(Model):
             sigma_v=[config.sigma_v or 0.0 for config in configs],
         )
         arrays = {"Innovation": "y_res", "S": "S", "K0": "K0", "K1": "K1"}
-        kernel = RowsKernel(
+        kernel = AlphaBetaKernel(
             state,
             tuning,
             batch.step,
@@ -107,3 +109,14 @@ class AlphaBetaConfig(Model):
             tuned={leaf: leaf for leaf in configs[0].tuning},
         )
         return AxisObserver(places, dtype, kernel)
+
+
+class AlphaBetaKernel(RowsKernel):
+    """The filters of n axes."""
+
+    _state: batch.AlphaBetaBatchState
+
+    def coast(self, dt: NDArray[np.float64], rows: Flags) -> bool:
+        """Equation (1)."""
+        alpha_beta_coast(self._state, dt, rows)
+        return True

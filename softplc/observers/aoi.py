@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from softplc.interfaces import Observer
 from softplc.kernel.batch import aoi as batch
 from softplc.kernel.batch.aoi_options import AoiBatchOptions
+from softplc.kernel.batch.coast import aoi_coast
 from softplc.kernel.reference.aoi_options import AoiOptions
 from softplc.model import Model
 from softplc.observers.aoi_options import Bleed, GainLimits, Gate, Positive
@@ -170,7 +170,9 @@ class AoiConfig(Model):
         )
 
     @staticmethod
-    def build(places: Sequence[AxisPlace], configs: Sequence["AoiConfig"], step: batch.Step = batch.step) -> Observer:
+    def build(
+        places: Sequence[AxisPlace], configs: Sequence["AoiConfig"], step: batch.Step = batch.step
+    ) -> AxisObserver:
         """One observer that steps all these axes; `configs` has one entry for each place. `step` may be compiled.
 
         Raises ValueError when the configurations differ in their `group_key`, or the axes' blocks in their tags.
@@ -240,6 +242,13 @@ class AoiKernel(StateKernel):
         super().shift(rows, by)
         if self._absolute is not None:
             np.add(self._state.offset, self._state.y, out=self._absolute, where=rows)
+
+    def coast(self, dt: NDArray[np.float64], rows: Flags) -> bool:
+        """Equations (2) to (12)."""
+        aoi_coast(self._state, self._tuning, dt * 1000.0, rows)
+        if self._absolute is not None:
+            np.copyto(self._absolute, self._state.offset + self._state.y, where=rows)
+        return True
 
     def predict(self, dt: NDArray[np.float64]) -> tuple[Numbers, Numbers]:
         """Equations (2) and (3)."""

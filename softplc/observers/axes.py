@@ -1,5 +1,6 @@
 """What every observer shares: the axis as configured, its tags, and its place in the images."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, Protocol
@@ -16,6 +17,7 @@ from softplc.tags import Block, DataType, Role, Tag
 DtSource = Literal["scan", "source", "arrival", "nominal"]
 OnRepeat = Literal["update", "predict"]
 SkippedTime = Literal["accumulate", "lose"]
+Policy = Literal["hold", "coast", "passthrough", "fail"]
 
 _REAL_MAX: Final = float(np.finfo(np.float32).max)
 _REAL_TINY: Final = float(np.finfo(np.float32).tiny)
@@ -33,6 +35,9 @@ class AxisSpec:
     velocity the PLC estimates itself; `shadow_settling`: time after a start before their largest differences count.
     `signal`: conditioning of the measurement. `dead_time`: what was measured is older than its sample by this, None
     for no tags of the state carried on to now.
+    `on_bad`, `on_lost`: what is shown where no sample is usable, while the link lives and while it does not.
+    `coast_max`, `coast_max_sigma` (in `unit`): where a coast ends, and `after_coast` comes. `reinit_samples`: fresh
+    samples after an outage until the outputs are Good.
     """
 
     name: str
@@ -51,6 +56,12 @@ class AxisSpec:
     shadow_settling: float = 0.0
     signal: SignalSpec | None = None
     dead_time: float | None = None
+    on_bad: Policy = "hold"
+    on_lost: Policy = "fail"
+    coast_max: float = 0.5
+    coast_max_sigma: float = math.inf
+    after_coast: Literal["hold", "fail"] = "fail"
+    reinit_samples: int = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +118,7 @@ def leaves_of(spec: AxisSpec, observer: ObserverModel) -> tuple[str, ...]:
     judged = consistency_leaves(observer.estimates) if spec.consistency else ()
     for quantity in spec.shadow:
         judged += (f"{quantity.capitalize()}Delta", f"{quantity.capitalize()}DeltaMax")
-    state = ("Dt", "Age", "Skipped", "Quality", "Reason", "Enabled", *COMMANDS)
+    state = ("Dt", "Age", "Skipped", "State", "Quality", "Reason", "Enabled", *COMMANDS)
     now = () if spec.dead_time is None else NOW
     return ("Position", "Velocity", "Raw", *observer.estimates, *now, *judged, *state, *observer.tuning)
 

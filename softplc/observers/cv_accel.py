@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from softplc.interfaces import Observer
 from softplc.kernel.batch import cv_accel as batch
+from softplc.kernel.batch.coast import cv_accel_coast
 from softplc.kernel.result import Result
 from softplc.model import Model
 from softplc.observers.axes import AxisPlace, require_one_group
-from softplc.observers.kernel import Given, Numbers
+from softplc.observers.kernel import Flags, Given, Numbers
 from softplc.observers.observer import AxisObserver
 from softplc.observers.rows import RowsKernel
 
@@ -65,7 +65,7 @@ class CvAccelConfig(Model):
         return (*(("q_jerk",) if self.q_mode == "white_jerk" else _PER_SCAN), "r_x")
 
     @staticmethod
-    def build(places: Sequence[AxisPlace], configs: Sequence["CvAccelConfig"]) -> Observer:
+    def build(places: Sequence[AxisPlace], configs: Sequence["CvAccelConfig"]) -> AxisObserver:
         """One observer that steps all these axes. Raises ValueError when they do not belong together."""
         require_one_group(places, configs)
         kernel = CvAccelKernel(configs)
@@ -76,6 +76,7 @@ class CvAccelKernel(RowsKernel):
     """The three-state observers of n axes."""
 
     _state: batch.CvAccelBatchState
+    _tuning: batch.CvAccelTuning
 
     def __init__(self, configs: Sequence[CvAccelConfig]) -> None:
         tuning = batch.CvAccelTuning(
@@ -107,6 +108,11 @@ class CvAccelKernel(RowsKernel):
         if latched.any():
             self._state.init[latched] = False
         return results
+
+    def coast(self, dt: NDArray[np.float64], rows: Flags) -> bool:
+        """Equations (1) to (10)."""
+        cv_accel_coast(self._state, self._tuning, dt, rows)
+        return True
 
     def predict(self, dt: NDArray[np.float64]) -> tuple[Numbers, Numbers]:
         """Equations (1) and (2)."""

@@ -6,7 +6,6 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from softplc.interfaces import Observer
 from softplc.kernel.batch import derivative as batch
 from softplc.model import Model
 from softplc.observers.axes import AxisPlace, require_one_group
@@ -51,7 +50,7 @@ class DerivativeConfig(Model):
         return ("cycle",) if self.dt_mode == "nominal" else ()
 
     @staticmethod
-    def build(places: Sequence[AxisPlace], configs: Sequence["DerivativeConfig"]) -> Observer:
+    def build(places: Sequence[AxisPlace], configs: Sequence["DerivativeConfig"]) -> AxisObserver:
         """One observer that steps all these axes. Raises ValueError when they do not belong together."""
         require_one_group(places, configs)
         dtype = np.dtype(np.float32 if configs[0].precision == "real" else np.float64)

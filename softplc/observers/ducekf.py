@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from softplc.interfaces import Observer
 from softplc.kernel.batch import ducekf as batch
+from softplc.kernel.batch.coast import ducekf_coast
 from softplc.kernel.batch.dhvpo import DhvpoBatch
 from softplc.kernel.batch.end_stops import EndStopsBatch
 from softplc.model import Model
 from softplc.observers.axes import AxisPlace, require_one_group
-from softplc.observers.kernel import Given, Numbers, StateKernel
+from softplc.observers.kernel import Flags, Given, Numbers, StateKernel
 from softplc.observers.observer import AxisObserver
 
 
@@ -122,7 +122,7 @@ class DucekfConfig(Model):
         return {"Restitution": (0.001, 10.0)} if self.impact_covariance == "omega" else {}
 
     @staticmethod
-    def build(places: Sequence[AxisPlace], configs: Sequence["DucekfConfig"]) -> Observer:
+    def build(places: Sequence[AxisPlace], configs: Sequence["DucekfConfig"]) -> AxisObserver:
         """One observer that steps all these axes; `configs` has one entry for each place.
 
         Raises ValueError when the configurations differ in their `group_key`, or the axes' blocks in their tags.
@@ -193,6 +193,11 @@ class DucekfKernel(StateKernel):
             rows=given.rows,
             contact=given.contact,
         )
+
+    def coast(self, dt: NDArray[np.float64], rows: Flags) -> bool:
+        """The smooth branch with its covariance, (3) and (4), up to the stop."""
+        ducekf_coast(self._state, self._tuning, self._model, dt, rows)
+        return True
 
     def predict(self, dt: NDArray[np.float64]) -> tuple[Numbers, Numbers]:
         """The smooth branch, (3), up to the stop: what happens there is for the next sample to say."""

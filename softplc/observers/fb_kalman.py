@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from softplc.interfaces import Observer
 from softplc.kernel.batch import fb_kalman as batch
+from softplc.kernel.batch.coast import fb_kalman_coast
 from softplc.kernel.result import Result
 from softplc.model import Model
 from softplc.observers.axes import AxisPlace, require_one_group
@@ -64,7 +64,7 @@ class FbKalmanConfig(Model):
         return ("Q", "R")
 
     @staticmethod
-    def build(places: Sequence[AxisPlace], configs: Sequence["FbKalmanConfig"]) -> Observer:
+    def build(places: Sequence[AxisPlace], configs: Sequence["FbKalmanConfig"]) -> AxisObserver:
         """One observer that steps all these axes; `configs` has one entry for each place.
 
         Raises ValueError when the configurations differ in their `group_key`, or the axes' blocks in their tags.
@@ -114,3 +114,8 @@ class FbKalmanKernel(StateKernel):
             state.y_dot[no_time] = 0.0
             results[no_time] = Result.DT_INVALID
         return results
+
+    def coast(self, dt: NDArray[np.float64], rows: Flags) -> bool:
+        """The block's prediction step."""
+        fb_kalman_coast(self._state, self._tuning, dt, rows)
+        return True

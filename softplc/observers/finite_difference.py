@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Literal
 
-from softplc.interfaces import Observer
 from softplc.kernel.batch import finite_difference as batch
 from softplc.model import Model
 from softplc.observers.axes import AxisPlace, require_one_group
@@ -32,7 +31,7 @@ class FiniteDifferenceConfig(Model):
         return ()
 
     @staticmethod
-    def build(places: Sequence[AxisPlace], configs: Sequence["FiniteDifferenceConfig"]) -> Observer:
+    def build(places: Sequence[AxisPlace], configs: Sequence["FiniteDifferenceConfig"]) -> AxisObserver:
         """One observer that steps all these axes. Raises ValueError when they do not belong together."""
         require_one_group(places, configs)
         state = batch.FiniteDifferenceBatchState(len(places))

@@ -13,6 +13,7 @@ from softplc.observers.consistency import LAMP, Consistency
 from softplc.observers.enable import Enable
 from softplc.observers.judgement import Judgement
 from softplc.observers.kernel import Flags, Given, Kernel
+from softplc.observers.modes import Modes
 from softplc.observers.now import Now
 from softplc.observers.published import Published
 from softplc.observers.shadow import Shadow
@@ -54,6 +55,7 @@ class AxisGroup:
         self._contacts = [(row, place.contact) for row, place in enumerate(places) if place.contact is not None]
         self.given = Given(self.enable.state, self.samples.z, self.time.dt, self.time.rows, np.full(n, np.nan))
         self._has_values = np.zeros(n, np.bool_)
+        self.modes = Modes(places, kernel, self._tags, self._has_values)
         self._rejected = np.zeros(n, np.bool_)  # the last sample that was stepped
         self._arrivals = np.full(n, np.nan)  # newest ever
         self._started = np.nan
@@ -81,6 +83,7 @@ class AxisGroup:
         if self.samples.signal is not None and self.samples.signal.anew is not None:
             self._kernel.init[self.samples.signal.anew] = False
         self.time.advance(scan, self.samples, self.enable.state, self._kernel.init, self._steps_of_the_plc(inputs))
+        self.modes.begin(scan, self.samples, self.time, self.enable.state)
         for row, index in self._contacts:
             self.given.contact[row] = inputs.values[index]  # NaN while it is Bad
 
@@ -97,6 +100,7 @@ class AxisGroup:
                 self._consistency.clear(retuned)
         if commands.resets.any():
             self._kernel.clear(commands.resets)
+            self.modes.clear(commands.resets)
             for room in (self._consistency, self._shadow, self.samples.signal):
                 if room is not None:
                     room.clear(commands.resets)
@@ -122,15 +126,11 @@ class AxisGroup:
             self._has_values.fill(True)
         else:
             self._take_some(finite)
-        if not usual or results.any():
-            self._explain(results, finite)
-        else:
+        plain = usual and not results.any()
+        if plain:
             self._rejected.fill(False)
-
-        if self._now is not None:
-            self._now.publish(scan, samples, time, results, finite)
-        if self._turns is not None:
-            self._turns.wrap(tags)
+        else:
+            self._explain(results, finite)
 
         if "NIS" in tags:
             innovation, S, nis = tags.row("Innovation"), tags.row("S"), tags.row("NIS")
@@ -141,6 +141,9 @@ class AxisGroup:
             if nis.max() > _FAR_OFF:
                 self._doubt(nis > _FAR_OFF)
 
+        if not plain or not self.modes.quiet:
+            self.modes.finish(samples, time, self.enable.state, results, finite)
+        self._finish_positions(scan, results, finite)
         stepped = time.rows & finite
         if self._consistency is not None:
             self._consistency.judge(samples, stepped, results)
@@ -154,7 +157,29 @@ class AxisGroup:
         tags.row("Reason")[:] = samples.reason
         tags.row("Enabled")[:] = tags.row("Enable")[:] = self.enable.state
         tags.row("Reset")[:] = self.commands.reset_state
-        tags.write(scan, outputs, samples, time.timestamps)
+        tags.write(scan, outputs, samples, self.modes.stamps(samples, time))
+
+    def _finish_positions(self, scan: Scan, results: NDArray[np.uint8], finite: Flags) -> None:
+        """Positions of now, and those of rotary axes within their turn, after whatever else wrote them."""
+        if self._now is not None:
+            self._now.publish(scan, self.samples, self.time, self.modes, results, finite)
+        if self._turns is not None:
+            self._turns.wrap(self._tags)
+
+    def succeed(self, other: "AxisGroup", rows: NDArray[np.intp], *, ramp: bool) -> None:
+        """Go on for these axes of another group, whose state is lost; `ramp`: from the positions that they had."""
+        self.enable.state[:] = other.enable.state[rows]
+        self.commands.reset_state[:] = other.commands.reset_state[rows]
+        self.time.skipped[:] = other.time.skipped[rows]
+        for leaf, values in self._kernel.tuning.items():
+            values[:] = other._kernel.tuning[leaf][rows]
+            self._tags.row(leaf)[:] = values
+        self._arrivals[:], self._started = other._arrivals[rows], other._started
+        self.time.timestamps[:] = other.time.timestamps[rows]
+        if ramp:
+            self._tags.adopt(other._tags, rows)
+            self._has_values[:] = other._has_values[rows]
+        self.modes.resume(other.modes, rows)
 
     def park(self, outputs: Image) -> None:
         """Every estimate is NaN and BadInternalError from here; Raw stays as it was last."""
@@ -162,16 +187,18 @@ class AxisGroup:
 
     def _take_some(self, finite: NDArray[np.bool_]) -> None:
         """Take over the rows that stepped, predict those that did not, hold the others as they were."""
-        tags, time = self._tags, self.time
+        tags, time, modes = self._tags, self.time, self.modes
         taken = time.rows & finite
+        new = taken | (modes.carried & finite)
         for leaf, values in self._kernel.estimates.items():
-            np.copyto(tags.row(leaf), values, where=taken)
-        np.copyto(tags.row("Dt"), time.dt, where=taken | time.predict)
+            np.copyto(tags.row(leaf), values, where=new)
         self._has_values |= taken
-        if time.predict.any():
+        ahead = time.predict | modes.ahead
+        np.copyto(tags.row("Dt"), time.dt, where=new | ahead)
+        if ahead.any():
             position, velocity = self._kernel.predict(time.dt)
-            np.copyto(tags.row("Position"), position, where=time.predict)
-            np.copyto(tags.row("Velocity"), velocity, where=time.predict)
+            np.copyto(tags.row("Position"), position, where=ahead)
+            np.copyto(tags.row("Velocity"), velocity, where=ahead)
 
     def _explain(self, results: NDArray[np.uint8], finite: NDArray[np.bool_]) -> None:
         """Status and reason of what the kernel did; they go before what an Uncertain input says."""

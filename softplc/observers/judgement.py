@@ -81,13 +81,14 @@ class Judgement:
     `usable`: the sample may enter the observer; `status` and `reason` of the outputs as far as the input decides;
     `blank`: the outputs have no value, None where every axis has one; `raw`, `raw_status`: what Raw shows.
     `signal`: the conditioning of those axes that have one, None where none has.
+    `limit`: the largest number that there is in the kernel's precision.
     """
 
     def __init__(self, places: Sequence[AxisPlace], dtype: DTypeLike) -> None:
         n, limit = len(places), float(np.finfo(dtype).max)
         ranges = [place.spec.range or (-np.inf, np.inf) for place in places]
         self._index = np.array([place.measurement for place in places], np.intp)
-        self._limit = limit
+        self.limit = limit
         self._low = np.array([max(low, -limit) for low, _ in ranges])
         self._high = np.array([min(high, limit) for _, high in ranges])
         self._last_arrivals = np.full(n, np.nan)
@@ -151,7 +152,7 @@ class Judgement:
             (code == np.uint32(StatusCode.BAD_WAITING_FOR_INITIAL_DATA), Reason.WAITING),
             (_is_any(code, _CONFIGURATION), Reason.CONFIGURATION),
             (bad, Reason.INPUT_BAD),
-            (~(np.abs(z) <= self._limit), Reason.INPUT_NOT_FINITE),
+            (~(np.abs(z) <= self.limit), Reason.INPUT_NOT_FINITE),
             (False if self._too_fast is None else self._too_fast, Reason.RATE_EXCEEDED),
             (~self.usable, Reason.INPUT_OUT_OF_RANGE),
             (no_reply, Reason.STALE),

@@ -68,6 +68,15 @@ class Kernel(Protocol):
         """The origin of these axes moves: every position in the state, Position too, grows by `by` [n], u."""
         ...
 
+    def coast(self, dt: NDArray[np.float64], rows: Flags) -> bool:
+        """Carry the state of these rows on by dt seconds without a measurement, so that its variance grows.
+
+        False, with nothing done, where the state cannot be carried on because it is made of past samples: then
+        `predict` says where the axis should be by now, and the next sample is stepped with all the time since the
+        last one.
+        """
+        ...
+
 
 class BatchState(Protocol):
     """What the adapters need of a batch kernel's state; arrays[n] that stay the same objects."""
@@ -116,6 +125,10 @@ class StateKernel:
     def predict(self, dt: NDArray[np.float64]) -> tuple[Numbers, Numbers]:
         """Position carried on at the velocity."""
         return self._axes.y + self._axes.y_dot * dt, self._axes.y_dot
+
+    def coast(self, dt: NDArray[np.float64], rows: Flags) -> bool:
+        """Not by itself."""
+        return False
 
     def shift(self, rows: Flags, by: NDArray[np.float64]) -> None:
         """The origin of these axes moves by -`by`, u."""

@@ -92,6 +92,7 @@ _STATE: Final = (
     Leaf("Age", "s", "Time since the newest sample arrived"),
     Leaf("Skipped", "", "Scans without a usable sample or time step while enabled", DataType.UINT32),
     Leaf("Rejected", "", "Samples that the innovation gate rejected", DataType.UINT32),
+    Leaf("State", "", "What the outputs are made of: 1 when the observer follows its input", DataType.UINT16),
     Leaf("Quality", "", "0 Bad, 1 Uncertain, 2 Good", DataType.UINT16),
     Leaf("Reason", "", "Why the outputs are not Good; 0 when they are", DataType.UINT16),
     Leaf("Enabled", "", "The observer runs", DataType.BOOLEAN),

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from softplc.interfaces import Observer
 from softplc.kernel.batch import moving_average as batch
 from softplc.model import Model
 from softplc.observers.axes import AxisPlace, require_one_group
@@ -39,7 +38,7 @@ class MovingAverageConfig(Model):
         return ("window",)
 
     @staticmethod
-    def build(places: Sequence[AxisPlace], configs: Sequence["MovingAverageConfig"]) -> Observer:
+    def build(places: Sequence[AxisPlace], configs: Sequence["MovingAverageConfig"]) -> AxisObserver:
         """One observer that steps all these axes. Raises ValueError when they do not belong together."""
         require_one_group(places, configs)
         return AxisObserver(places, np.float64, MovingAverageKernel([config.window for config in configs]))

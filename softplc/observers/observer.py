@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import DTypeLike
+from numpy.typing import DTypeLike, NDArray
 
 from softplc.observers.axes import AxisPlace
 from softplc.observers.group import AxisGroup
@@ -32,6 +32,13 @@ class AxisObserver:
         if not finite.all():
             kernel.clear(~finite)  # they start again with the next usable sample
         group.finish(scan, outputs, results, finite)
+
+    def succeed(self, other: "AxisObserver", rows: NDArray[np.intp], *, ramp: bool) -> None:
+        """Take the place of these axes of another observer: all that clients have written, none of its state.
+
+        The axes come back as after an outage; `ramp`: from the positions that they had.
+        """
+        self._group.succeed(other._group, rows, ramp=ramp)
 
     def command(self, index: int, value: float) -> bool:
         """Take a written value for the tag at this index of `outputs`; False when it is none of the writable ones."""

@@ -5,7 +5,6 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from softplc.interfaces import Observer
 from softplc.kernel.batch import one_euro as batch
 from softplc.model import Model
 from softplc.observers.axes import AxisPlace, require_one_group
@@ -45,7 +44,7 @@ class OneEuroConfig(Model):
         return ("min_cutoff", "cutoff_slope", "d_cutoff")
 
     @staticmethod
-    def build(places: Sequence[AxisPlace], configs: Sequence["OneEuroConfig"]) -> Observer:
+    def build(places: Sequence[AxisPlace], configs: Sequence["OneEuroConfig"]) -> AxisObserver:
         """One observer that steps all these axes. Raises ValueError when they do not belong together."""
         require_one_group(places, configs)
         state = batch.OneEuroBatchState(len(places))

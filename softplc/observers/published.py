@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from softplc.observers.axes import AxisPlace
 from softplc.observers.judgement import Judgement
 from softplc.observers.leaves import COMMANDS, CONSTANTS, JUDGED, STATE
-from softplc.sample import Reason, StatusCode
+from softplc.sample import AxisState, Reason, StatusCode
 from softplc.tags import Block, Image, Role
 from softplc.timing import Scan
 
-_EACH_SCAN: Final = ("Age", "Quality", "Reason", "Enabled", "Consistency")  # carry the scan's own time
+_EACH_SCAN: Final = ("Age", "State", "Quality", "Reason", "Enabled", "Consistency")  # carry the scan's own time
 
 
 class Published:
@@ -70,6 +70,10 @@ class Published:
         """Statuses[axes] of judged tags; their values are NaN where it is Bad."""
         self._statuses[rows] = status
 
+    def adopt(self, other: "Published", axes: NDArray[np.intp]) -> None:
+        """The estimates of these axes of another group of the same tags."""
+        self._values[self._estimates] = other._values[self._estimates][:, axes]
+
     def retuned(self, leaf: str, axis: int, value: float) -> None:
         """A tuning tag shows another value from the next `write` on."""
         self.row(leaf)[axis] = value
@@ -121,7 +125,13 @@ class Published:
         lost = self._index[np.concatenate([self._estimates, self._judged])]
         outputs.values[lost] = np.nan
         outputs.statuses[lost] = StatusCode.BAD_INTERNAL_ERROR
-        for leaf, value in (("Quality", 0), ("Reason", Reason.INTERNAL_ERROR), ("Enabled", 0), ("Consistency", 0)):
+        for leaf, value in (
+            ("Quality", 0),
+            ("Reason", Reason.INTERNAL_ERROR),
+            ("State", AxisState.PARKED),
+            ("Enabled", 0),
+            ("Consistency", 0),
+        ):
             if leaf in self._rows:
                 outputs.values[self._index[self._rows[leaf]]] = value
                 outputs.statuses[self._index[self._rows[leaf]]] = StatusCode.GOOD

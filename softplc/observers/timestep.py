@@ -22,8 +22,8 @@ class TimeStep:
     `dt`: the step where `rows` is true, the time to predict over where `predict` is true. `rows`: the observer
     takes this sample (or passes it through, where it is disabled). `predict`: it does not, and what is published
     is the state carried on to now. `timestamps`: source timestamp of the newest used sample, ns. `skipped`: scans
-    since start in which an enabled axis had no usable sample or no time went by. `unseen`: time since the last usable
-    sample, as of the last scan.
+    since start in which an enabled axis had no usable sample or no time went by. `in_time`: it was not too long
+    without a usable sample. `arrivals`: monotonic seconds of the newest used sample.
     """
 
     def __init__(self, places: Sequence[AxisPlace]) -> None:
@@ -42,9 +42,9 @@ class TimeStep:
         self._repeated_for = np.zeros(n)
         self._ahead = np.zeros(n)  # how far the state's time is ahead of the last used sample's stamp
         self._read = np.full(n, np.nan)  # the last used sample
-        self._arrivals = np.full(n, np.nan)
+        self.arrivals = np.full(n, np.nan)
         self._gap = np.zeros(n)
-        self._flag: Flags = np.zeros(n, np.bool_)
+        self.in_time: Flags = np.zeros(n, np.bool_)
         self._running: Flags = np.zeros(n, np.bool_)
 
         self.skipped = np.zeros(n, np.int64)
@@ -72,8 +72,8 @@ class TimeStep:
 
         # Start again after disable, and after too long without a usable sample: a scan's own period is no gap.
         np.subtract(self.unseen, scan.period, out=self._gap)
-        np.less_equal(self._gap, self._reinit_after, out=self._flag)
-        np.logical_and(init, self._flag, out=init)
+        np.less_equal(self._gap, self._reinit_after, out=self.in_time)
+        np.logical_and(init, self.in_time, out=init)
         np.logical_and(init, enabled, out=init)
 
         running = np.logical_and(usable, init, out=self._running)  # those that go on from where they are
@@ -100,7 +100,18 @@ class TimeStep:
         np.copyto(self.unseen, 0.0, where=usable)
         np.copyto(self.timestamps, samples.timestamps, where=usable)
         np.copyto(self._read, samples.read, where=usable)
-        np.copyto(self._arrivals, samples.arrivals, where=usable)
+        np.copyto(self.arrivals, samples.arrivals, where=usable)
+
+    def due(self, period: float, rows: Flags) -> None:
+        """`dt` of rows that are to be carried on without a sample: all the time since they were last stepped."""
+        np.copyto(self.dt, np.where(self._nominal & (self._pending > 0.0), period, self._pending), where=rows)
+
+    def carried(self, rows: Flags, *, committed: bool) -> None:
+        """These rows were carried on by their `dt`, which makes no gap; committed: their state is of now."""
+        self.unseen[rows] = 0.0
+        if committed:
+            self._ahead[rows] += self.dt[rows]
+            self._pending[rows] = 0.0
 
     def _skip(self, elapsed: float, usable: Flags, enabled: Flags) -> None:
         """Count what is skipped, and forget its time where the axis is to lose it as the AOI's own text does."""
@@ -112,12 +123,12 @@ class TimeStep:
         usable, running = samples.usable, self._running
         since = np.where(
             self._by_arrival,
-            samples.arrivals - self._arrivals,
+            samples.arrivals - self.arrivals,
             (samples.timestamps - self.timestamps) / 1e9,  # the double next to the quotient, as a PLC has it
         )
         same_stamp = since == 0.0
         # A frozen stamp under a new value is a new sample with a useless stamp, not a repetition.
-        repeated = same_stamp & ((samples.arrivals == self._arrivals) | (samples.read == self._read))
+        repeated = same_stamp & ((samples.arrivals == self.arrivals) | (samples.read == self._read))
         repeated_for = np.where(repeated, self._repeated_for + elapsed, 0.0)
         np.copyto(self._repeated_for, repeated_for, where=usable)
         predict = running & repeated & self._may_predict & (repeated_for < self._held_after)

@@ -10,15 +10,25 @@ from ruamel.yaml import YAML
 
 from softplc.app.demo import PORTS, demo_config
 from softplc.config import schema
+from softplc.config.axis import WritableEnable
 from softplc.config.load import load
-from softplc.config.models import Config, WritableEnable
+from softplc.config.models import Config
 from softplc.config.remarks import remarks
 from softplc.drivers.modbus.config import ModbusSource, ModbusTag
 from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
 
 FOLDER = Path(__file__).parents[2] / "config"
 SCHEMA = FOLDER / "softplc.schema.json"
-FILES = ("minimal.yaml", "demo.yaml", "plant.yaml", "observers.yaml", "end_stops.yaml", "signal.yaml", "replay.yaml")
+FILES = (
+    "minimal.yaml",
+    "demo.yaml",
+    "plant.yaml",
+    "observers.yaml",
+    "end_stops.yaml",
+    "signal.yaml",
+    "replay.yaml",
+    "coast.yaml",
+)
 MODELINE = "# yaml-language-server: $schema=./softplc.schema.json\n"
 DRAFTS = {"2020-12": jsonschema.Draft202012Validator, "draft-07, as editors read it": jsonschema.Draft7Validator}
 

@@ -48,6 +48,7 @@ OBSERVERS: dict[str, ObserverModel] = {
 PERIOD = 0.05
 RANGE = (-1000.0, 1000.0)
 GOOD, NONE = StatusCode.GOOD, Reason.NONE
+SETTLING = (Reason.INITIALISING, Reason.SETTLING)  # where a written tuning makes the state no number again and again
 
 ODD = (math.nan, math.inf, -math.inf, 0.0, -0.0, 1e308, -1e308, 1.7e308, 3.5e38, -1e39, 5e-324, 1e-46, 1e16)
 STATUSES = (
@@ -184,7 +185,12 @@ def test_one_good_second_brings_the_observer_back_or_its_reason_says_why_not(nam
     rig.observer.command(rig.table.index("A0.Enable"), 1.0)
     good(rig, 1.0 + 2 * PERIOD, z)
     status, reason = rig.outcome()
-    assert (status, reason) == (GOOD, NONE) or reason in (Reason.NOT_FINITE, Reason.PREDICTED, Reason.FAR_OFF)
+    assert (status, reason) == (GOOD, NONE) or reason in (
+        Reason.NOT_FINITE,
+        *SETTLING,
+        Reason.PREDICTED,
+        Reason.FAR_OFF,
+    )
 
     # With the tuning that it was built with, Reset makes it follow again, whatever had been written.
     twin = make_rig((AxisSpec("A0"), config), period=PERIOD)

@@ -142,7 +142,7 @@ def test_a_scan_in_which_no_time_passed_never_divides_by_it(variant: str, dt: fl
 
 
 def test_a_gap_longer_than_the_axis_allows_starts_anew():
-    rig, fresh = rig_of(config("corrected"), reinit_after=0.5), rig_of(config("corrected"))
+    rig, fresh = rig_of(config("corrected"), reinit_after=0.5, reinit_samples=1), rig_of(config("corrected"))
     for k in range(10):
         rig.scan(float(k))
     for _ in range(8):

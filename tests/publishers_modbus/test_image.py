@@ -12,7 +12,7 @@ from softplc.exchange import Reader, Snapshot, Writer, size
 from softplc.publishers.modbus.image import RegisterImage
 from softplc.publishers.modbus.layout import layout
 from softplc.publishers.modbus.rows import BadValues, ByteOrder
-from softplc.sample import Reason, StatusCode
+from softplc.sample import AxisState, Reason, StatusCode
 from softplc.tags import DataType, Image, Tag, TagTable
 from softplc.timing import Scan
 from tests.publishers_modbus.support import assert_equal, decode, expected, full_exchange, full_table
@@ -140,6 +140,7 @@ def test_before_the_first_scan_floats_read_nan_and_the_reason_is_waiting(bad_val
     assert all(math.isnan(found[f"AxisX.{leaf}"]) for leaf in ("Position", "Velocity", "Age", "q_x"))
     assert (found["AxisX.Quality"], found["AxisX.Reason"], found["AxisX.AgeMs"]) == (0, Reason.WAITING, 65535)
     assert found["AxisX.Status"] == StatusCode.BAD_WAITING_FOR_INITIAL_DATA
+    assert found["AxisX.State"] == AxisState.INIT
     assert (found["Alive"], found["Tasks.main.Alive"], found["Heartbeat"]) == (0, 0, 0)
     assert (found["CheckOne"], found["Axes"]) == (1.0, 2)
 
@@ -156,6 +157,7 @@ def test_a_dead_scan_process_is_quality_0_and_alive_0_and_the_heartbeat_stands_s
     assert [alive[name] for name in names] == [1, 1, 2, 2, 1]
     assert [dead[name] for name in names] == [0, 0, 0, 0, 0]
     assert tuple(dead[f"AxisX.{n}"] for n in ("Status", "Reason", "AgeMs")) == (BAD, Reason.NO_COMMUNICATION, 65535)
+    assert dead["AxisX.State"] == AxisState.FAIL
     assert (12.5, alive["Heartbeat"]) == (dead["AxisX.Position"], dead["Heartbeat"])
     assert bench.scan()["Alive"] == 1
 

@@ -45,7 +45,7 @@ def test_every_published_tag_of_a_task_a_source_and_an_axis_has_a_fixed_place():
     source = "Connected 0 OffScan 1 Reads 2 ReadErrors 4 Reconnects 6 Writes 8 WriteErrors 10 ReadTime 12 Age 14"
     axis = "Position 0 Velocity 2 Raw 4 Innovation 6 S 8 K0 10 K1 12 P00 14 P01 16 P11 18 NIS 20 Dt 22 Age 24 q_x 32 \
         q_x_dot 34 r_x 36 BleedThresh 38 BleedFactor 40 Quality 42 Reason 43 Enabled 44 Enable 45 BleedEnable 46 \
-        AgeMs 47 Status 48"
+        AgeMs 47 Status 48 State 63"
     consistency = " NISMean 28 Outside 30 Autocorrelation 50 Consistency 62"
     header = (
         "CheckWord 0 MapVersion 1 CheckOne 2 CheckNegative 4 MapCrc 6 Heartbeat 7 Axes 8 Tasks 9 Sources 10 Alive 11"
@@ -79,7 +79,7 @@ def test_a_tag_that_is_added_moves_no_other():
 
     assert before == {name: after[name] for name in before}
     assert [after[f"{block}.New"] for block in ("Tasks.main", "Sources.plc1", "AxisX")] == [150, 1016, 3052]
-    assert [after[f"{block}.Flag"] for block in ("Tasks.main", "Sources.plc1", "AxisX")] == [199, 1019, 3063]
+    assert [after[f"{block}.Flag"] for block in ("Tasks.main", "Sources.plc1", "AxisX")] == [199, 1019, 3061]
 
 
 def test_a_block_with_more_tags_than_registers_is_refused():

@@ -20,7 +20,9 @@ _OFFSETS = {
     "cv_accel white jerk": "Innovation 6 S 8 K0 10 K1 12 P00 14 P01 16 P11 18 NIS 20 Acceleration 26  \
         q_jerk 32 r_x 36",
 }
-_ALWAYS = "Position 0 Velocity 2 Raw 4 Dt 22 Age 24 Quality 42 Reason 43 Enabled 44 Enable 45 AgeMs 47 Status 48"
+_ALWAYS = (
+    "Position 0 Velocity 2 Raw 4 Dt 22 Age 24 Quality 42 Reason 43 Enabled 44 Enable 45 AgeMs 47 Status 48 State 63"
+)
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if case.name in _OFFSETS], ids=lambda case: case.name)

@@ -141,11 +141,7 @@ def step(
 
 def _update(state: AdaptiveBatchState, scratch: Scratch, rows: Flags) -> None:
     """Keep the swings and the eight most probable others, update them with the sample, and commit these rows."""
-    ranked = np.argsort(-scratch.every[AT_WEIGHT, SWINGS:], axis=0, kind="stable")[:HYPOTHESES]
-    scratch.order[SWINGS:] = SWINGS + ranked
-    index = scratch.order * len(scratch.axes) + scratch.axes
-    kept = scratch.every.reshape(13, -1)[:, index]
-    modes = scratch.modes.ravel()[index]
+    kept, modes = _most_probable(scratch)
     _, x, v, a, P00, P01, P02, P11, P12, P22, nu, S, weight = kept
     np.divide(weight, sum12(weight), out=kept[AT_W])
     K0, K1, K2 = P00 / S, P01 / S, P02 / S
@@ -162,6 +158,32 @@ def _update(state: AdaptiveBatchState, scratch: Scratch, rows: Flags) -> None:
     P01 *= rest
     P02 *= rest
     _commit(state, scratch, kept[:10], modes, (K0, K1), rows)
+
+
+def _most_probable(scratch: Scratch) -> tuple[Numbers, NDArray[np.int8]]:
+    """The swings and the eight others that weigh most, with their modes."""
+    ranked = np.argsort(-scratch.every[AT_WEIGHT, SWINGS:], axis=0, kind="stable")[:HYPOTHESES]
+    scratch.order[SWINGS:] = SWINGS + ranked
+    index = scratch.order * len(scratch.axes) + scratch.axes
+    return scratch.every.reshape(13, -1)[:, index], scratch.modes.ravel()[index]
+
+
+def carry_on(state: AdaptiveBatchState, tuning: AdaptiveTuning, dt: Numbers, rows: Flags) -> None:
+    """Δt later without a measurement, in these rows: the most probable of the sixteen, as they are predicted."""
+    scratch, rejections = state._scratch, state.rejections.copy()
+    rates(scratch, tuning, dt)
+    noise(scratch, tuning, dt)
+    give_birth(state.hypotheses, state.modes, scratch, tuning)
+    predict(scratch, dt)
+    weigh(scratch, tuning, state.y)  # for S
+    scratch.outputs[OUTPUTS.index("y_res")] = 0.0
+    scratch.every[AT_WEIGHT] = scratch.every[AT_W]
+    kept, modes = _most_probable(scratch)
+    weight = kept[AT_WEIGHT]
+    np.divide(weight, sum12(weight), out=kept[AT_W])
+    nothing = np.zeros_like(kept[AT_W])
+    _commit(state, scratch, kept[:10], modes, (nothing, nothing), rows)
+    state.rejections[:] = rejections
 
 
 def _carry_on(state: AdaptiveBatchState, scratch: Scratch, rows: Flags) -> None:

@@ -88,7 +88,7 @@ class AoiBatchOptions:
             state.in_a_row[started] = 0
 
         _propagate(state, new)
-        self._add_noise(state, new, tuning)
+        self.add_noise(state, new, tuning)
         np.greater(new.S, 0.0, out=new.ok)
         beyond, restart = self._judge(state, new, started)
         self._correct(state, new, tuning, beyond)
@@ -110,7 +110,7 @@ class AoiBatchOptions:
         np.copyto(state.offset, x, where=self.first_sample & started)
         new.x[:] = x - state.offset
 
-    def _add_noise(self, state: AoiBatchState, new: _Scratch, tuning: AoiTuning) -> None:
+    def add_noise(self, state: AoiBatchState, new: _Scratch, tuning: AoiTuning) -> None:
         """Q, R, the innovation and its variance, (11), (12) and (17)."""
         x_cov0, x_cov1, x_cov2, x_cov3 = new.x_cov
         q_x, q_x_dot, dt_s = tuning.q_x, tuning.q_x_dot, new.dt_s

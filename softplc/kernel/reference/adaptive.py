@@ -108,7 +108,7 @@ def adaptive(state: AdaptiveState, inputs: AdaptiveInputs) -> tuple[AdaptiveStat
         return _adaptive(state, inputs)
 
 
-def _adaptive(state: AdaptiveState, inputs: AdaptiveInputs) -> tuple[AdaptiveState, Result]:  # noqa: PLR0915  # one scan
+def _adaptive(state: AdaptiveState, inputs: AdaptiveInputs) -> tuple[AdaptiveState, Result]:
     real = np.float64  # divides by zero as an array does
     z, dt = real(inputs.x), real(inputs.dt)
     R, V, A, gate = (real(value) for value in (inputs.r_x, inputs.top_speed, inputs.top_acceleration, inputs.gate))
@@ -120,6 +120,48 @@ def _adaptive(state: AdaptiveState, inputs: AdaptiveInputs) -> tuple[AdaptiveSta
     if not state.init:
         return _start(z, R, V, A), Result.INITIALISED
 
+    old = state.hypotheses
+    ahead = _sixteen(old, dt, R, V, A)
+    none = real(0.0)
+    nu = [z - one.x for one in ahead]
+    S = [one.P00 + R for one in ahead]
+    never = real(np.inf)  # as far as what has no probability is away
+    distance = [n * n / s if one.w > 0.0 else never for one, n, s in zip(ahead, nu, S, strict=True)]
+    nearest = np.min(distance)
+    ordinary = np.min(distance[SWINGS:])  # a gentle swing may be anywhere
+
+    x16, S16 = _expected(ahead, R)
+    expected = {"y_res": z - x16, "S": S16}
+
+    if not ordinary <= gate * gate:
+        if state.rejections >= REJECTIONS and np.isfinite(z):
+            return _start(z, R, V, A), Result.INITIALISED
+        kept = [replace(one, w=before.w) for one, before in zip(ahead, old, strict=False)]
+        after = _estimate(kept, [none] * KEPT, [none] * KEPT)
+        count = min(state.rejections + 1, REJECTIONS)
+        return replace(after, rejections=count, **expected), Result.REJECTED
+
+    # Weigh, keep the swings and the eight most probable of the others [TH], update them.
+    best = 1.0 + nearest / 64.0
+    weights = []
+    for w, d, s in zip([one.w for one in ahead], distance, S, strict=True):
+        like = best / (1.0 + d / 64.0)
+        for _ in range(5):
+            like = like * like  # to the power of 32
+        weights.append(w * (like / np.sqrt(s)))
+    order = _most_probable(weights)
+    total = sum12([weights[i] for i in order])
+    kept, K0, K1 = [], [], []
+    for i in order:
+        one, gain0, gain1 = updated(ahead[i], nu[i], S[i])
+        kept.append(replace(one, w=weights[i] / total))
+        K0.append(gain0)
+        K1.append(gain1)
+    return replace(_estimate(kept, K0, K1), **expected), Result.UPDATED
+
+
+def _sixteen(old: tuple[Hypothesis, ...], dt: Any, R: Any, V: Any, A: Any) -> list[Hypothesis]:
+    """The twelve that go on and the four that are born, each predicted Δt ahead."""
     # Rates of change, and the probabilities to go on, by mode.
     tau = V / A
     u = dt / (CHANGE * tau)
@@ -135,7 +177,7 @@ def _adaptive(state: AdaptiveState, inputs: AdaptiveInputs) -> tuple[AdaptiveSta
     )
     leave = g * on[MANOEUVRE]
     quarter = (0.25 * end) * on[SWING]
-    none = real(0.0)
+    none = np.float64(0.0)
     to_rest = (none, ju * on[CRUISE], TO_REST * leave, quarter)
     to_speed = (ju * on[HOLD], ju * on[CRUISE], none, quarter)
     to_push = (u * on[HOLD], u * on[CRUISE], TO_OTHER * leave, quarter)
@@ -143,7 +185,6 @@ def _adaptive(state: AdaptiveState, inputs: AdaptiveInputs) -> tuple[AdaptiveSta
     to_swing = (begin * on[HOLD], begin * on[CRUISE], begin * on[MANOEUVRE], none)
 
     # Those that go on, and those that are born of all of them, mixed [BB].
-    old = state.hypotheses
     every = [replace(one, w=one.w * on[one.mode]) for one in old]
     inflow = 0.25 * sum12([one.w * to_swing[one.mode] for one in old])
     every[:SWINGS] = [replace(one, w=one.w + inflow) for one in every[:SWINGS]]
@@ -158,47 +199,35 @@ def _adaptive(state: AdaptiveState, inputs: AdaptiveInputs) -> tuple[AdaptiveSta
     # Predict each of the sixteen.
     Q = noise(dt, tau, R, A)
     number = [*range(SWING, SWING + SWINGS), *(one.mode for one in every[SWINGS:])]
-    ahead = [predicted(one, dt, Q[q]) for one, q in zip(every, number, strict=True)]
-    nu = [z - one.x for one in ahead]
-    S = [one.P00 + R for one in ahead]
-    never = real(np.inf)  # as far as what has no probability is away
-    distance = [n * n / s if one.w > 0.0 else never for one, n, s in zip(ahead, nu, S, strict=True)]
-    nearest = np.min(distance)
-    ordinary = np.min(distance[SWINGS:])  # a gentle swing may be anywhere
+    return [predicted(one, dt, Q[q]) for one, q in zip(every, number, strict=True)]
 
-    # What was expected of this sample, over all of them.
-    w16 = [one.w for one in ahead]
-    x16 = sum16([w * one.x for w, one in zip(w16, ahead, strict=True)])
-    spread = [(one.x - x16, s) for one, s in zip(ahead, S, strict=True)]
-    S16 = sum16([w * (s + d * d) for w, (d, s) in zip(w16, spread, strict=True)])
-    expected = {"y_res": z - x16, "S": S16}
 
-    if not ordinary <= gate * gate:
-        if state.rejections >= REJECTIONS and np.isfinite(z):
-            return _start(z, R, V, A), Result.INITIALISED
-        kept = [replace(one, w=before.w) for one, before in zip(ahead, old, strict=False)]
-        after = _estimate(kept, [none] * KEPT, [none] * KEPT)
-        count = min(state.rejections + 1, REJECTIONS)
-        return replace(after, rejections=count, **expected), Result.REJECTED
+def _expected(ahead: list[Hypothesis], R: Any) -> tuple[Any, Any]:
+    """The sample that all sixteen together expect, and its variance."""
+    w = [one.w for one in ahead]
+    x = sum16([a * one.x for a, one in zip(w, ahead, strict=True)])
+    spread = [(one.x - x, one.P00 + R) for one in ahead]
+    return x, sum16([a * (s + d * d) for a, (d, s) in zip(w, spread, strict=True)])
 
-    # Weigh, keep the swings and the eight most probable of the others [TH], update them.
-    best = 1.0 + nearest / 64.0
-    weights = []
-    for w, d, s in zip(w16, distance, S, strict=True):
-        like = best / (1.0 + d / 64.0)
-        for _ in range(5):
-            like = like * like  # to the power of 32
-        weights.append(w * (like / np.sqrt(s)))
+
+def _most_probable(weights: list[Any]) -> list[int]:
+    """The swings and the eight others that weigh most [TH]."""
     ranked = np.argsort(-np.array(weights[SWINGS:]), kind="stable")[:HYPOTHESES]
-    order = [*range(SWINGS), *(SWINGS + i for i in ranked)]
+    return [*range(SWINGS), *(SWINGS + int(i) for i in ranked)]
+
+
+def carried_on(state: AdaptiveState, inputs: AdaptiveInputs) -> AdaptiveState:
+    """Δt later without a measurement: the most probable of the sixteen, as they are predicted."""
+    real = np.float64
+    R, V, A = real(inputs.r_x), real(inputs.top_speed), real(inputs.top_acceleration)
+    ahead = _sixteen(state.hypotheses, real(inputs.dt), R, V, A)
+    weights = [one.w for one in ahead]
+    order = _most_probable(weights)
     total = sum12([weights[i] for i in order])
-    kept, K0, K1 = [], [], []
-    for i in order:
-        one, gain0, gain1 = updated(ahead[i], nu[i], S[i])
-        kept.append(replace(one, w=weights[i] / total))
-        K0.append(gain0)
-        K1.append(gain1)
-    return replace(_estimate(kept, K0, K1), **expected), Result.UPDATED
+    kept = [replace(ahead[i], w=weights[i] / total) for i in order]
+    nothing = [real(0.0)] * KEPT
+    after = _estimate(kept, nothing, nothing)
+    return replace(after, rejections=state.rejections, y_res=real(0.0), S=_expected(ahead, R)[1])
 
 
 def _start(z: Any, R: Any, V: Any, A: Any) -> AdaptiveState:

@@ -32,6 +32,8 @@ import numpy as np
 from softplc.kernel.reference.frame import Number
 from softplc.kernel.result import Result
 
+Covariance = tuple[Number, Number, Number, Number, Number, Number]
+
 P_START: Final = (1.0, 10.0, 100.0)
 """Variance of position, velocity and acceleration on the first scan: the AOI's two, and one more of their kind."""
 
@@ -75,7 +77,7 @@ class CvAccelInputs:
 
 
 @np.errstate(all="ignore")
-def cv_accel(state: CvAccelState, inputs: CvAccelInputs) -> tuple[CvAccelState, Result]:  # noqa: PLR0915
+def cv_accel(state: CvAccelState, inputs: CvAccelInputs) -> tuple[CvAccelState, Result]:
     """One scan: the state after it, and what happened."""
     x: Number = np.float64(inputs.x)
     dt: Number = np.float64(inputs.dt)
@@ -105,33 +107,9 @@ def cv_accel(state: CvAccelState, inputs: CvAccelInputs) -> tuple[CvAccelState, 
             x_pred = x_pred + dt * x_dot_pred + h * x_ddot_pred
             x_dot_pred = x_dot_pred + dt * x_ddot_pred
 
-            # F·P: its first two rows. P itself stays as it is until the update is complete.
-            A00 = P00 + dt * P01 + h * P02
-            A01 = P01 + dt * P11 + h * P12
-            A02 = P02 + dt * P12 + h * P22
-            A11 = P11 + dt * P12
-            A12 = P12 + dt * P22
-
-            # Q, (10).
-            if inputs.white_jerk:
-                q1 = inputs.q_jerk * dt
-                q2 = q1 * dt
-                q3 = q2 * dt
-                q4 = q3 * dt
-                q5 = q4 * dt
-                Q00, Q01, Q02 = q5 / 20.0, q4 / 8.0, q3 / 6.0
-                Q11, Q12, Q22 = q3 / 3.0, q2 / 2.0, q1
-            else:
-                Q00, Q01, Q02 = inputs.q_x, 0.0, 0.0
-                Q11, Q12, Q22 = inputs.q_x_dot, 0.0, inputs.q_x_ddot
-
-            # F·P·Fᵀ + Q, (4) to (9).
-            x_cov00 = A00 + dt * A01 + h * A02 + Q00
-            x_cov01 = A01 + dt * A02 + Q01
-            x_cov02 = A02 + Q02
-            x_cov11 = A11 + dt * A12 + Q11
-            x_cov12 = A12 + Q12
-            x_cov22 = P22 + Q22
+            # Covariance; P itself stays as it is until the update is complete.
+            P = (P00, P01, P02, P11, P12, P22)
+            x_cov00, x_cov01, x_cov02, x_cov11, x_cov12, x_cov22 = predicted_covariance(P, inputs, dt, h)
 
             # Innovation and its variance, (11).
             y_res = x - x_pred
@@ -166,3 +144,37 @@ def cv_accel(state: CvAccelState, inputs: CvAccelInputs) -> tuple[CvAccelState, 
         init, x_pred, x_dot_pred, x_ddot_pred, P00, P01, P02, P11, P12, P22, K0, K1, K2, S, y_res, y, y_dot
     )
     return after, result
+
+
+def predicted_covariance(P: Covariance, inputs: CvAccelInputs, dt: Number, h: Number) -> Covariance:
+    """(4) to (10): P00, P01, P02, P11, P12, P22 one step of dt later, h = Δt²/2."""
+    P00, P01, P02, P11, P12, P22 = P
+    # F·P: its first two rows.
+    A00 = P00 + dt * P01 + h * P02
+    A01 = P01 + dt * P11 + h * P12
+    A02 = P02 + dt * P12 + h * P22
+    A11 = P11 + dt * P12
+    A12 = P12 + dt * P22
+
+    # Q, (10).
+    if inputs.white_jerk:
+        q1 = inputs.q_jerk * dt
+        q2 = q1 * dt
+        q3 = q2 * dt
+        q4 = q3 * dt
+        q5 = q4 * dt
+        Q00, Q01, Q02 = q5 / 20.0, q4 / 8.0, q3 / 6.0
+        Q11, Q12, Q22 = q3 / 3.0, q2 / 2.0, q1
+    else:
+        Q00, Q01, Q02 = inputs.q_x, 0.0, 0.0
+        Q11, Q12, Q22 = inputs.q_x_dot, 0.0, inputs.q_x_ddot
+
+    # F·P·Fᵀ + Q, (4) to (9).
+    return (
+        A00 + dt * A01 + h * A02 + Q00,
+        A01 + dt * A02 + Q01,
+        A02 + Q02,
+        A11 + dt * A12 + Q11,
+        A12 + Q12,
+        P22 + Q22,
+    )

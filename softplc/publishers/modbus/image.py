@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from softplc.exchange import Snapshot
 from softplc.publishers.modbus.rows import BadValues, ByteOrder, Origin, RegisterMap, RegisterType, Row
-from softplc.sample import Quality, Reason, StatusCode
+from softplc.sample import AxisState, Quality, Reason, StatusCode
 
 _UNKNOWN_AGE: Final = 65535.0
 
@@ -39,7 +39,8 @@ class RegisterImage:
     The bytes of one `encode` are one scan of each task and never change afterwards: whoever slices them cannot see
     half a value. Values of several registers follow the map's byte order; a single register is big-endian, as the
     protocol has it. While a tag is Bad its float reads as its last usable value (`bad_values` hold) or as NaN; an
-    integer keeps its last usable value, but for Quality and Connected, which read 0, and Reason, which says why.
+    integer keeps its last usable value, but for Quality and Connected, which read 0, State, which reads 4 (no
+    values; 0 before the first scan), and Reason, which says why.
     A float that was never usable reads NaN, an integer 0.
     """
 
@@ -82,7 +83,7 @@ class _Vector:
         self._age_tags = indices(Origin.MILLISECONDS)
         self._constants = np.array([row.value for row in rows if row.origin is Origin.CONSTANT])
         self._quality = np.concatenate([tags_named("Quality"), tags_named("Connected")])
-        self._reason = tags_named("Reason")
+        self._reason, self._state = tags_named("Reason"), tags_named("State")
         self._sources = self._find(rows, tags)
 
     def _find(self, rows: Sequence[Row], tags: int) -> dict[int, int]:
@@ -116,6 +117,9 @@ class _Vector:
         np.copyto(self._held, snapshot.values, where=usable)
         integers = self._held.copy()
         integers[self._quality[~usable[self._quality]]] = Quality.BAD
+        states = self._state[~usable[self._state]]
+        waiting = snapshot.statuses[states] == StatusCode.BAD_WAITING_FOR_INITIAL_DATA
+        integers[states] = np.where(waiting, AxisState.INIT, AxisState.FAIL)
         silent = self._reason[~usable[self._reason]]
         waiting = snapshot.statuses[silent] == StatusCode.BAD_WAITING_FOR_INITIAL_DATA
         integers[silent] = np.where(waiting, Reason.WAITING, Reason.NO_COMMUNICATION)

@@ -144,6 +144,7 @@ AXIS: Final = Frame(
         "VelocityDeltaMax": 58,
         "Rejected": 60,
         "Consistency": 62,
+        "State": 63,
     },
     (
         Derived(47, "AgeMs", _U16, "ms", "Age in whole ms; 65535 when longer or unknown", Origin.MILLISECONDS, "Age"),

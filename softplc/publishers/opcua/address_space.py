@@ -25,7 +25,7 @@ from asyncua.server.address_space import AddressSpace, AttributeValue, NodeData
 
 from softplc.kernel.diagnosis import DIAGNOSIS_TEXT, Diagnosis
 from softplc.publishers.opcua.values import VARIANT_TYPES, TagValues
-from softplc.sample import REASON_TEXT, Quality, Reason
+from softplc.sample import AXIS_STATE_TEXT, REASON_TEXT, AxisState, Quality, Reason
 from softplc.tags import Block, DataType, Tag, TagTable
 from softplc.units import UNECE_NAMESPACE, unit
 
@@ -51,6 +51,7 @@ DEFAULT_RANGE: Final = (-1000.0, 1000.0)
 _STATES: Final[dict[tuple[str, str], tuple[str, ...]]] = {
     ("axis", "Reason"): tuple(REASON_TEXT[reason] or "none" for reason in Reason),
     ("axis", "Consistency"): tuple(DIAGNOSIS_TEXT[diagnosis] for diagnosis in Diagnosis),
+    ("axis", "State"): tuple(AXIS_STATE_TEXT[state] for state in AxisState),
     ("axis", "Quality"): tuple(quality.name.capitalize() for quality in Quality),
 }
 
