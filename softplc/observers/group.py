@@ -79,7 +79,7 @@ class AxisGroup:
         self._inputs = inputs
         self.enable.read(inputs)
         self._obey()
-        self.samples.judge(scan, inputs, self._has_values)
+        self.samples.judge(scan, inputs, self._has_values, self.time.unseen)
         if self.samples.signal is not None and self.samples.signal.anew is not None:
             self._kernel.init[self.samples.signal.anew] = False
         self.time.advance(scan, self.samples, self.enable.state, self._kernel.init, self._steps_of_the_plc(inputs))
@@ -132,16 +132,12 @@ class AxisGroup:
         else:
             self._explain(results, finite)
 
-        if self._now is not None:
-            self._now.publish(scan, samples, time, results, finite)
-        if self._turns is not None:
-            self._turns.wrap(tags)
-
         if "NIS" in tags:
             self._normalise(tags.row("Innovation"), tags.row("S"), tags.row("NIS"))
 
         if not plain or not self.modes.quiet:
             self.modes.finish(samples, time, self.enable.state, results, finite)
+        self._finish_positions(scan, results, finite)
         stepped = time.rows & finite
         if self._consistency is not None:
             self._consistency.judge(samples, stepped, results)
@@ -156,6 +152,13 @@ class AxisGroup:
         tags.row("Enabled")[:] = tags.row("Enable")[:] = self.enable.state
         tags.row("Reset")[:] = self.commands.reset_state
         tags.write(scan, outputs, samples, self.modes.stamps(samples, time))
+
+    def _finish_positions(self, scan: Scan, results: NDArray[np.uint8], finite: Flags) -> None:
+        """Positions of now, and those of rotary axes within their turn, after whatever else wrote them."""
+        if self._now is not None:
+            self._now.publish(scan, self.samples, self.time, self.modes, results, finite)
+        if self._turns is not None:
+            self._turns.wrap(self._tags)
 
     def succeed(self, other: "AxisGroup", rows: NDArray[np.intp], *, ramp: bool) -> None:
         """Go on for these axes of another group, whose state is lost; `ramp`: from the positions that they had."""

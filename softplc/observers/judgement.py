@@ -107,14 +107,17 @@ class Judgement:
         self.blank: NDArray[np.bool_] | None = None
         self.raw, self.raw_status = self.read, self.input_status
 
-    def judge(self, scan: Scan, inputs: Image, has_values: NDArray[np.bool_]) -> None:
-        """Judge the latched samples; `has_values[axes]` tells which outputs have a last value to hold."""
+    def judge(self, scan: Scan, inputs: Image, has_values: NDArray[np.bool_], unseen: NDArray[np.float64]) -> None:
+        """Judge the latched samples.
+
+        `has_values[axes]`: which outputs have a last value to hold. `unseen[axes]`: `TimeStep.unseen`.
+        """
         self._last_arrivals, self.arrivals = self.arrivals, self._last_arrivals
         np.take(inputs.values, self._index, out=self.read)  # raises when an index is not in the image
         np.take(inputs.statuses, self._index, out=self.input_status, mode="clip")
         np.take(inputs.source_timestamps, self._index, out=self.timestamps, mode="clip")
         np.take(inputs.arrivals, self._index, out=self.arrivals, mode="clip")
-        position = self.read if self.signal is None else self.signal.unwrap(scan, self)
+        position = self.read if self.signal is None else self.signal.unwrap(scan, self, unseen)
         np.greater_equal(position, self._low, out=self.usable)
         np.less_equal(position, self._high, out=self._flag)
         np.logical_and(self.usable, self._flag, out=self.usable)  # false for NaN, too

@@ -25,7 +25,7 @@ _WORDS: Final = {"hold": _HOLD, "coast": _COAST, "passthrough": _PASS, "fail": _
 _STATE_OF: Final = np.array(
     [AxisState.RUN, AxisState.COAST, AxisState.HOLD, AxisState.FAIL, AxisState.PASSTHROUGH], np.uint8
 )
-_STARTING: Final = (Result.INITIALISED, Result.WARMING_UP, Result.DT_INVALID)
+_STARTING: Final = np.isin(np.arange(len(Result)), (Result.INITIALISED, Result.WARMING_UP, Result.DT_INVALID))
 _STILL: Final = 0.1  # s; a value that stands still on a live link counts as a fresh one so often
 _BAD: Final = np.uint32(StatusCode.BAD)
 
@@ -34,7 +34,8 @@ class Modes:
     """State and policy of n axes. Arrays[axes]; `begin` after the time steps, `finish` after the kernel.
 
     `state` uint8 AxisState. `carried`: rows that were carried on in this scan by the kernel's `coast`; `ahead`: by
-    its `predict` alone. `values`: which axes have last values, as the group keeps them.
+    its `predict` alone; `passed`: what is read passes through. `values`: which axes have last values, as the group
+    keeps them.
     """
 
     def __init__(self, places: Sequence[AxisPlace], kernel: Kernel, tags: Published, values: Flags) -> None:
@@ -50,7 +51,7 @@ class Modes:
             raise ValueError("coast_max_sigma for an observer without P00")
 
         self.state: NDArray[np.uint8] = np.full(n, AxisState.INIT, np.uint8)
-        self.carried, self.ahead, self._passed = (np.zeros(n, np.bool_) for _ in range(3))
+        self.carried, self.ahead, self.passed = (np.zeros(n, np.bool_) for _ in range(3))
         self._ran: Flags = np.zeros(n, np.bool_)  # since the last start, enable or reset
         self._out: Flags = np.zeros(n, np.bool_)  # link lost and nothing carried on, or the state was no number
         self._coasted = np.zeros(n)
@@ -60,6 +61,9 @@ class Modes:
         self._from = np.full(n, np.nan)  # where Position ramps from
         self._shown: NDArray[np.uint8] = np.zeros(n, np.uint8)
         self._lost: Flags = np.zeros(n, np.bool_)
+        turns = [spec.signal.modulo if spec.signal else None for spec in specs]
+        self._turning = np.flatnonzero([turn is not None for turn in turns])
+        self._turn = np.array([turn for turn in turns if turn is not None])
         self._elapsed = 0.0
         self._all_run = self.quiet = False
 
@@ -136,18 +140,19 @@ class Modes:
         shown[broken] = self._after[broken]
         number = (samples.input_status < _BAD) & (np.abs(samples.z) <= samples.limit)
         shown[(shown == _PASS) & ~number] = _FAIL
-        self._passed.fill(False)
+        self.passed.fill(False)
         if shown.any():
             self._tell(samples, shown, lost)
 
         used = shown == _USE
-        starting = used & np.isin(results, _STARTING) & time.rows
+        starting = used & _STARTING[results] & time.rows
         self._settle(samples, time, used, enabled)
         state = _STATE_OF[shown]
         state[used & (self._left > 0)] = AxisState.REINIT
         state[starting] = np.where(self._ran[starting], AxisState.REINIT, AxisState.INIT)
         stuck = time.rows & ~finite & enabled
         self._out |= stuck & self._ran
+        self._left[stuck] = np.where(self._left > 0, self._wanted, 0)[stuck]
         state[stuck] = np.where(self._values[stuck], AxisState.HOLD, AxisState.FAIL)
         state[~self._values & ((shown == _HOLD) | (shown == _FAIL))] = AxisState.INIT
         state[~enabled] = AxisState.DISABLED
@@ -161,9 +166,9 @@ class Modes:
 
     def stamps(self, samples: Judgement, time: TimeStep) -> NDArray[np.int64]:
         """Source timestamps of what the estimates rest on: that of the newest used sample, or what passes through."""
-        if self._all_run or not self._passed.any():
+        if self._all_run or not self.passed.any():
             return time.timestamps
-        return np.where(self._passed, samples.timestamps, time.timestamps)
+        return np.where(self.passed, samples.timestamps, time.timestamps)
 
     def _tell(self, samples: Judgement, shown: NDArray[np.uint8], lost: Flags) -> None:
         """What the outputs are where there is no usable sample; Judgement has told what it is to hold or wait."""
@@ -184,14 +189,14 @@ class Modes:
         status[fails] = np.where(samples.input_status >= _BAD, samples.input_status, own.astype(np.uint32))[fails]
         blank[fails] = True
 
-        self._passed = shown == _PASS
-        if self._passed.any():
-            np.copyto(self._tags.row("Position"), samples.z, where=self._passed)
-            np.copyto(self._tags.row("Velocity"), 0.0, where=self._passed)
-            status[self._passed] = StatusCode.UNCERTAIN_SUB_NORMAL
-            samples.reason[self._passed] = Reason.PASSED_THROUGH
-            blank[self._passed] = False
-            self._values |= self._passed
+        self.passed = shown == _PASS
+        if self.passed.any():
+            np.copyto(self._tags.row("Position"), samples.z, where=self.passed)
+            np.copyto(self._tags.row("Velocity"), 0.0, where=self.passed)
+            status[self.passed] = StatusCode.UNCERTAIN_SUB_NORMAL
+            samples.reason[self.passed] = Reason.PASSED_THROUGH
+            blank[self.passed] = False
+            self._values |= self.passed
 
     def _settle(self, samples: Judgement, time: TimeStep, used: Flags, enabled: Flags) -> None:
         """Count the fresh samples after an outage; a bad one starts the count anew."""
@@ -219,7 +224,11 @@ class Modes:
             return
         position = self._tags.row("Position")
         way = (self._wanted - self._left) / self._wanted
-        ramped = self._from * (1.0 - way) + position * way
+        begin, rotary = self._from, self._turning
+        if len(rotary):  # the short way round
+            begin = begin.copy()
+            begin[rotary] -= self._turn * np.rint((begin[rotary] - position[rotary]) / self._turn)
+        ramped = begin * (1.0 - way) + position * way
         np.copyto(position, ramped, where=settling & (self._left > 0) & np.isfinite(ramped))
         plain = settling & ((samples.reason == Reason.NONE) | (samples.reason == Reason.PREDICTED))
         samples.reason[plain] = Reason.SETTLING

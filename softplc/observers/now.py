@@ -15,6 +15,7 @@ from softplc.kernel.result import Result
 from softplc.observers.axes import AxisPlace
 from softplc.observers.judgement import Judgement
 from softplc.observers.kernel import Flags, Kernel
+from softplc.observers.modes import Modes
 from softplc.observers.published import Published
 from softplc.observers.timestep import TimeStep
 from softplc.timing import Scan
@@ -31,17 +32,25 @@ class Now:
         self._arrivals = np.full(len(places), np.nan)  # of the last used sample
 
     def publish(
-        self, scan: Scan, samples: Judgement, time: TimeStep, results: NDArray[np.uint8], finite: Flags
+        self,
+        scan: Scan,
+        samples: Judgement,
+        time: TimeStep,
+        modes: Modes,
+        results: NDArray[np.uint8],
+        finite: Flags,
     ) -> None:
-        """Carry on what this scan stepped or predicted; what it holds stays as it was carried on last."""
+        """Carry on what this scan stepped, predicted or coasted; what it holds stays as it was carried on last."""
         tags = self._tags
         np.copyto(self._arrivals, samples.arrivals, where=samples.usable)
         horizon = self._age(scan, time)
-        np.copyto(horizon, np.maximum(horizon, time.dt), where=time.predict)  # the state is as old as its step
+        ahead = time.predict | modes.ahead
+        np.copyto(horizon, np.maximum(horizon, time.dt), where=ahead)  # the state is as old as its step
+        np.copyto(horizon, 0.0, where=modes.carried)  # the state is of now
         horizon += self._dead_time
-        carried = (time.rows | time.predict) & finite
+        carried = ((time.rows | ahead | modes.carried) & finite) | modes.passed
         position, velocity = self._kernel.predict(horizon)
-        through = (results == Result.DISABLED) | (results == Result.DT_INVALID)
+        through = (results == Result.DISABLED) | (results == Result.DT_INVALID) | modes.passed
         if through.any():
             position = np.where(through, tags.row("Position"), position)
             velocity = np.where(through, tags.row("Velocity"), velocity)

@@ -72,11 +72,15 @@ class Signal:
         self._new_u = np.zeros(m)
         self.anew: Flags | None = None
 
-    def unwrap(self, scan: Scan, samples: "Judgement") -> _Numbers:
-        """Positions in place of what was read, into `samples.z`; returns [n] what the range is to be judged of."""
+    def unwrap(self, scan: Scan, samples: "Judgement", unseen: _Numbers) -> _Numbers:
+        """Positions in place of what was read, into `samples.z`; returns [n] what the range is to be judged of.
+
+        `unseen` [n]: how long the observer has had nothing to go on by at the last scan, s; it starts anew with
+        reinit_after.
+        """
         self.anew = None
         np.copyto(samples.z, samples.read)
-        self._measure(scan, samples)
+        self._measure(scan, samples, unseen)
         if not self._wraps:
             return samples.z
         read = samples.read[self._rows]
@@ -98,7 +102,7 @@ class Signal:
         judged[self._rows[t]] = read[t]
         return judged
 
-    def _measure(self, scan: Scan, samples: "Judgement") -> None:
+    def _measure(self, scan: Scan, samples: "Judgement", unseen: _Numbers) -> None:
         """Time since the last used sample, by the axis' own kind of clock; whether this is that sample again."""
         waited = scan.start - self._start  # NaN before the first
         self._dt = waited
@@ -111,7 +115,8 @@ class Signal:
             sound = self._by_stamp & (since > 0.0) & (since <= waited + self._reinit_after)
             self._dt = np.where(sound, since, waited)
             self._repeated = self._by_stamp & (since == 0.0)
-        self._old = ~(waited <= self._reinit_after + scan.period)
+        gap = unseen[self._rows] + max(scan.dt, 0.0) - scan.period
+        self._old = np.isnan(waited) | ~(gap <= self._reinit_after)
 
     def judge(self, samples: "Judgement", low: _Numbers, high: _Numbers) -> Flags | None:
         """Samples that are rejected as too fast, bool[n], None for none; one after many is let into `samples.usable`.

@@ -38,7 +38,7 @@ class TimeStep:
         self._by_scan_only = not (self._by_stamp.any() or self._may_predict.any())
 
         self._pending = np.zeros(n)  # measured time since the last step
-        self._unseen = np.zeros(n)  # measured time since the last usable sample
+        self.unseen = np.zeros(n)
         self._repeated_for = np.zeros(n)
         self._ahead = np.zeros(n)  # how far the state's time is ahead of the last used sample's stamp
         self._read = np.full(n, np.nan)  # the last used sample
@@ -68,10 +68,10 @@ class TimeStep:
         elapsed = scan.dt if 0.0 < scan.dt < math.inf else 0.0
         usable = samples.usable
         self._pending += elapsed
-        self._unseen += elapsed
+        self.unseen += elapsed
 
         # Start again after disable, and after too long without a usable sample: a scan's own period is no gap.
-        np.subtract(self._unseen, scan.period, out=self._gap)
+        np.subtract(self.unseen, scan.period, out=self._gap)
         np.less_equal(self._gap, self._reinit_after, out=self.in_time)
         np.logical_and(init, self.in_time, out=init)
         np.logical_and(init, enabled, out=init)
@@ -97,7 +97,7 @@ class TimeStep:
         if not elapsed > 0.0 or not usable.all():
             self._skip(elapsed, usable, enabled)
         np.copyto(self._pending, 0.0, where=self.rows)
-        np.copyto(self._unseen, 0.0, where=usable)
+        np.copyto(self.unseen, 0.0, where=usable)
         np.copyto(self.timestamps, samples.timestamps, where=usable)
         np.copyto(self._read, samples.read, where=usable)
         np.copyto(self.arrivals, samples.arrivals, where=usable)
@@ -108,7 +108,7 @@ class TimeStep:
 
     def carried(self, rows: Flags, *, committed: bool) -> None:
         """These rows were carried on by their `dt`, which makes no gap; committed: their state is of now."""
-        self._unseen[rows] = 0.0
+        self.unseen[rows] = 0.0
         if committed:
             self._ahead[rows] += self.dt[rows]
             self._pending[rows] = 0.0

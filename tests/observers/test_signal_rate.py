@@ -141,7 +141,7 @@ def test_a_new_place_that_is_repeated_for_long_is_the_place():
 
 
 def test_after_a_gap_that_starts_the_observer_anew_everything_is_let_in():
-    own = settled(rig(reinit_after=0.5))
+    own = settled(rig(reinit_after=0.5, reinit_samples=1))
     own.scan(5000.0, dt=2.0)
     assert own.outcome() == (StatusCode.UNCERTAIN_INITIAL_VALUE, Reason.INITIALISING)
     for _ in range(2):  # settles, and ramps from where it was

@@ -102,7 +102,7 @@ def test_a_slow_motion_is_not_lost_in_the_dead_band():
 
 @pytest.mark.parametrize("signal", [STEPS, SignalSpec(dead_band=0.5)])
 def test_a_start_anew_begins_at_what_is_read(signal: SignalSpec):
-    own = rig(DIFFERENCE, signal, reinit_after=0.5)
+    own = rig(DIFFERENCE, signal, reinit_after=0.5, reinit_samples=1)
     for z in (0.0, 0.0, 0.05):
         own.scan(z)
     own.scan(0.07, dt=2.0)

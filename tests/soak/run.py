@@ -135,11 +135,12 @@ def _samples(n: int, scans: int, rng: np.random.Generator) -> Iterator[tuple[lis
     t = 0.0
     for start in range(0, scans, _CHUNK):
         size = min(_CHUNK, scans - start)
-        begins = rng.random((size, n)) < SHARE / 3.0
+        begins = rng.random((size, n)) < SHARE / 2.7
         lengths = np.where(
             rng.random((size, n)) < 0.97, rng.integers(1, 4, (size, n)), rng.integers(4, 80, (size, n))
         )
         drawn = rng.choice([NAN, INFINITE, OUTSIDE, BAD, LOST, UNCERTAIN], (size, n))
+        flickers = rng.random((size, n)) < 0.15  # a good sample amid the others
         noise = rng.uniform(-2.0, 2.0, (size, n))
         huge = np.copysign(10.0 ** rng.uniform(4.0, 38.0, (size, n)), rng.normal(size=(size, n)))
         late = np.where(rng.random(size) < 1e-4, rng.uniform(0.1, 3.0, size), PERIOD)
@@ -147,7 +148,7 @@ def _samples(n: int, scans: int, rng: np.random.Generator) -> Iterator[tuple[lis
             t += late[k]
             fresh = begins[k] & (left == 0)
             left[fresh], kind_now[fresh] = lengths[k][fresh], drawn[k][fresh]
-            kinds = np.where(left > 0, kind_now, GOOD)
+            kinds = np.where((left > 0) & ~flickers[k], kind_now, GOOD)
             left -= left > 0
             z = 100.0 * np.sin(0.5 * t + np.arange(n)) + noise[k]
             z = np.where(kinds == OUTSIDE, huge[k], z)
