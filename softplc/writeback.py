@@ -12,6 +12,7 @@ from softplc.sample import StatusCode, is_bad
 from softplc.tags import Image
 from softplc.timing import Scan
 
+_GOOD: Final = int(StatusCode.GOOD)
 _REMEMBERED: Final = 64  # answered writes, of which any may still be read back
 _REAL: Final = 2.0**-23  # what a REAL loses of a value, at the most
 
@@ -52,12 +53,12 @@ class ReadBack:
 
     def found(self, inputs: Image) -> float:
         """What was read back last."""
-        return float(inputs.values[self.index])
+        return inputs.values.item(self.index)
 
     def judge(self, now: float, inputs: Image) -> WriteState:
         """Compare what was read in this scan with what was written lately."""
-        status = int(inputs.statuses[self.index])
-        if status != StatusCode.GOOD:
+        status = inputs.statuses.item(self.index)
+        if status != _GOOD:
             return WriteState.UNVERIFIED if is_bad(status) else WriteState.WAITING
         value = self.found(inputs)
         for written in reversed(self._written):
@@ -105,12 +106,12 @@ class WriteBack:
         if not self.link.statistics.connected:
             self._start_anew()
             return WriteState.WITHHELD
-        if outputs.statuses[self.index] != StatusCode.GOOD:
+        if outputs.statuses.item(self.index) != _GOOD:
             if writing.withdraw(self.position) or self.read_back is not None:
                 self._start_anew()
             return WriteState.WITHHELD
         waited = writing.waiting(self.position)
-        value = float(outputs.values[self.index])
+        value = outputs.values.item(self.index)
         if writing.pending(self.position) or self._due(scan, value):
             until = scan.start + max(DEAD_AFTER_PERIODS * scan.period, DEAD_AFTER_AT_LEAST)
             writing.put(self.position, value, until)

@@ -86,28 +86,6 @@ async def bind(session: Session, bindings: Sequence[Binding]) -> None:
     await _declared_types(session, untyped)
 
 
-def find_loops(readings: Sequence[Binding], writings: Sequence[Binding]) -> dict[int, str]:
-    """Writings, by position, whose node is read under another spelling of its address, and what to say of each.
-
-    Under the same spelling it is the read-back: everything else of that kind is refused with the configuration.
-    """
-    read: dict[ua.NodeId, list[Binding]] = {}
-    for binding in readings:
-        if binding.node is not None:
-            read.setdefault(binding.node, []).append(binding)
-    found: dict[int, str] = {}
-    for position, binding in enumerate(writings):
-        ours = binding.uses[0][1]
-        for other in read.get(binding.node, ()):
-            theirs = [index for _, index in other.uses]
-            if other.address != binding.address and (ours is None or ours in theirs or None in theirs):
-                found[position] = (
-                    f"{binding.address}: is the node that is read as {other.address}, which closes a loop; it is "
-                    "never written; expected a node that softplc does not read"
-                )
-    return found
-
-
 def read_value(node: ua.NodeId | None, attribute: ua.AttributeIds = ua.AttributeIds.Value) -> ua.ReadValueId:
     """What to read: the value of a node, or another attribute."""
     return ua.ReadValueId(NodeId=node, AttributeId=attribute)

@@ -21,13 +21,14 @@ from typing import Final
 from asyncua import ua
 
 from softplc.clock import Clock
-from softplc.drivers.opcua.binding import Binding, bind, find_loops, group, put, read_value, server_time
+from softplc.drivers.opcua.binding import Binding, bind, group, put, read_value, server_time
 from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
 from softplc.drivers.opcua.credentials import Credentials
 from softplc.drivers.opcua.fast.plain import SlowState
 from softplc.drivers.opcua.fast.read import ReadPlan, plan_reads
 from softplc.drivers.opcua.fast.seam import proven
 from softplc.drivers.opcua.fast.write import Writes
+from softplc.drivers.opcua.loops import find_loops
 from softplc.drivers.opcua.session import Session, batches, within
 from softplc.drivers.opcua.subscription import Subscription
 from softplc.drivers.opcua.values import encode, write_value
