@@ -131,8 +131,7 @@ async def test_small_answers_are_sent_without_delay():
     async with serving() as served, client_of(served) as client:
         await client.read(0, 1)
         (connection,) = served.server._connections
-        sock = connection._transport.get_extra_info("socket")
-        assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+        assert connection._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
 async def test_clients_above_the_cap_are_refused_until_one_leaves():
@@ -187,7 +186,7 @@ async def stalled(served: Served) -> Client:
     # a limit of one byte makes the stream reader stop reading from its socket at once
     client = Client(*await asyncio.open_connection(sock=sock, limit=1))
     client.writer.write(b"".join(request(3000, 125, transaction=n) for n in range(8000)))
-    await eventually(lambda: any(c._stalled for c in served.server._connections), what="the server to pause")
+    await eventually(lambda: any(c.waiting for c in served.server._connections), what="the server to pause")
     return client
 
 
@@ -196,9 +195,8 @@ async def test_a_client_that_does_not_read_is_dropped_and_the_others_are_served_
         await other.read(0, 1)
         slow = await stalled(served)
         assert served.server.clients == 2
-        (connection,) = (c for c in served.server._connections if c._stalled)
-        # what waits for it: the pause threshold and the answers to one receive buffer of requests
-        assert connection._transport.get_write_buffer_size() < 65_536 + 2048 // 12 * 259
+        (connection,) = (c for c in served.server._connections if c.waiting)
+        assert connection.waiting <= 2048 // 12 * 259  # the answers to one receive buffer of requests
 
         with capture_logs() as logs:
             while served.server.clients == 2:
