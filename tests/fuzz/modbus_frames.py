@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# One request of each function, after the examples of the Modbus Application Protocol Specification V1.1b3, 6.1 to 6.21.
+# A request of each function, after the examples of the Application Protocol Specification V1.1b3, 6.1 to 6.21.
 REQUESTS = [
     bytes.fromhex(text)
     for text in (
@@ -48,7 +48,7 @@ REQUESTS = [
     )
 ]
 UNITS = (0, 0, 1, 1, 1, 1, 1, 2, 17, 247, 248, 254, 255, 255)
-EDGES = (0, 1, 2, 3, 7, 8, 99, 100, 124, 125, 126, 127, 128, 2000, 2001, 3000, 3127, 3128, 32767, 32768, 65410, 65534, 65535)
+EDGES = (0, 1, 2, 3, 7, 8, 99, 124, 125, 126, 127, 2000, 2001, 3000, 3127, 3128, 32767, 32768, 65410, 65534, 65535)
 STREAM = 40  # frames of a stream, about
 _POOL, _POOLED_STREAMS = 400, 400  # a pool of mutants serves so many streams, a bit of each frame flipped every time
 
@@ -95,8 +95,8 @@ def mutant(chance: random.Random) -> bytes:
         lambda: pdu.extend(chance.randbytes(chance.randrange(1, 20))),
         lambda: pdu.__setitem__(slice(1, None), chance.randbytes(chance.randrange(253))),
         lambda: pdu.extend(frame(chance.choice(REQUESTS))),  # a frame inside a frame
-        lambda: pdu.__setitem__(slice(0, None), b"\x03" + struct.pack(">HH", chance.choice(EDGES), chance.choice(EDGES))),
-        lambda: pdu.__setitem__(slice(0, None), b"\x04" + chance.randbytes(4)),
+        lambda: pdu.__setitem__(slice(None), struct.pack(">BHH", 3, chance.choice(EDGES), chance.choice(EDGES))),
+        lambda: pdu.__setitem__(slice(None), b"\x04" + chance.randbytes(4)),
     )
     for _ in range(chance.choice((0, 1, 1, 1, 2, 3))):
         chance.choice(changes)()
@@ -134,7 +134,7 @@ def streams(seed: int) -> Iterator[Stream]:
 
 
 def _varied(frames: Sequence[bytes], numbers: np.random.Generator) -> bytes:
-    """The frames one after the other, each with a transaction id by lot and one of two with a bit of its PDU flipped."""
+    """The frames one after the other, each with an id by lot and one of two with a bit of its unit or PDU flipped."""
     data = np.frombuffer(b"".join(frames), np.uint8).copy()
     lengths = np.array([len(one) for one in frames])
     starts = np.cumsum(lengths) - lengths
