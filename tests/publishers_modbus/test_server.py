@@ -1,8 +1,6 @@
 """The server on real sockets: answers, caps, time limits, ordered close."""
 
 import asyncio
-import contextlib
-import random
 import socket
 import struct
 
@@ -25,7 +23,7 @@ from tests.publishers_modbus.support import (
     request,
     serving,
 )
-from tests.publishers_modbus.test_protocol import WRITES, frame, mutated
+from tests.publishers_modbus.test_protocol import WRITES, frame
 from tests.support.network import eventually
 
 
@@ -264,18 +262,3 @@ def test_a_map_that_does_not_fit_is_a_configuration_error():
     placements = (AxisPlacement(axis="AxisX", address=3000), AxisPlacement(axis="AxisY", address=3010))
     with pytest.raises(ConfigError, match=r"Modbus register map: AxisY at 3010…3073 overlaps AxisX at 3000…3063"):
         ModbusServer(any_port(placements=placements), full_exchange().reader)
-
-
-async def test_mutated_frames_over_sockets_leave_the_server_alive_and_empty():
-    chance = random.Random(502)
-    async with serving() as served:
-        for _ in range(150):
-            client = await Client.connect(served.port)
-            client.writer.write(b"".join(mutated(chance) for _ in range(20)))
-            client.writer.write_eof()
-            with contextlib.suppress(ConnectionResetError):
-                await asyncio.wait_for(client.reader.read(), 30)
-            await client.close()
-        await eventually(lambda: served.server.clients == 0)
-        async with client_of(served) as client:
-            assert await client.read(0, 1) == b"\x12\x34"

@@ -1,0 +1,97 @@
+"""Malformed Modbus frames: no crash, no wrong answer, no memory, no log, and nobody else notices."""
+
+import asyncio
+from itertools import islice
+from pathlib import Path
+
+import pytest
+
+from tests.fuzz import modbus_client, modbus_server
+from tests.fuzz.modbus import FRAMES, MOST_GROWTH, MOST_LOG, SHARE, main
+from tests.fuzz.modbus_frames import Stream, streams
+from tests.fuzz.modbus_server import CORPUS, IMAGE, check
+from tests.publishers_modbus.oracle import expected
+from tests.publishers_modbus.support import serving
+
+KEPT = sorted(CORPUS.glob("*.bin"))
+
+
+@pytest.mark.timeout(300)  # 15 s on a quiet core
+def test_two_million_malformed_frames_have_the_answers_of_the_specification_and_leave_no_memory():
+    found = modbus_server.in_process(FRAMES, seed=1)
+
+    assert found.frames >= FRAMES
+    assert found.growth <= MOST_GROWTH
+
+
+@pytest.mark.timeout(300)  # 3 s on a quiet core
+def test_a_hundred_thousand_malformed_frames_over_sockets_disturb_no_neighbour_and_fill_no_log(tmp_path: Path):
+    found = modbus_server.over_sockets(FRAMES // SHARE, 2, tmp_path)
+
+    assert found.frames >= FRAMES // SHARE
+    assert found.growth <= MOST_GROWTH
+    assert found.log <= MOST_LOG
+    assert found.neighbour > 100
+    assert found.slowest < 5  # seconds: a stall, not what a busy machine does
+
+
+@pytest.mark.timeout(300)  # 4 s on a quiet core
+def test_a_hundred_thousand_lying_replies_give_no_wrong_value_and_no_exception_but_a_lost_link():
+    found = modbus_client.tcp(FRAMES // SHARE, seed=3)
+
+    assert found.frames >= FRAMES // SHARE
+    assert found.growth <= MOST_GROWTH
+
+
+@pytest.mark.timeout(300)  # 4 s on a quiet core
+def test_a_hundred_thousand_lying_replies_on_a_serial_line_are_taken_only_with_unit_and_checksum():
+    found = modbus_client.rtu(FRAMES // SHARE, seed=4)
+
+    assert found.growth <= MOST_GROWTH
+
+
+def test_there_is_a_corpus():
+    assert len(KEPT) >= 20
+
+
+@pytest.mark.parametrize("path", KEPT, ids=lambda path: path.stem)
+async def test_what_was_kept_is_answered_as_specified_wherever_it_is_cut_and_over_a_socket(path: Path):
+    data = path.read_bytes()
+    for cut in range(len(data) + 1):
+        check(data, (cut,))
+    async with serving() as served:
+        await asyncio.wait_for(modbus_server._one(served.port, Stream(data, 1)), 30)
+
+
+def test_most_frames_of_a_stream_are_looked_at_before_it_ends():
+    made = looked_at = 0
+    for stream in islice(streams(5), 500):
+        replies, _, _ = expected(stream.data, IMAGE)
+        made += stream.frames
+        looked_at += len(modbus_server._shape(replies))
+    assert looked_at > 0.9 * made
+
+
+def test_no_function_code_and_no_exception_is_left_out():
+    functions, codes = set(), set()
+    for stream in islice(streams(6), 2000):
+        for head in modbus_server._shape(expected(stream.data, IMAGE)[0]):
+            functions.add(head[7] & 0x7F)
+            if head[7] & 0x80:
+                codes.add(head[8])
+    assert functions == set(range(128))
+    assert codes == {1, 2, 3, 11}
+
+
+def test_a_server_that_answers_a_little_wrong_is_found(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(modbus_server, "expected", lambda stream, image: expected(stream, image, frozenset({0, 1})))
+    monkeypatch.setattr(modbus_server, "keep", lambda data: "not kept")
+    with pytest.raises(modbus_server.WrongError, match="not as specified"):
+        modbus_server.in_process(1000, seed=7)
+
+
+def test_the_command_prints_a_row_for_each_part(capsys: pytest.CaptureFixture[str]):
+    assert main(["--frames", "2000", "--seed", "8"]) == 0
+    rows = capsys.readouterr().out.splitlines()
+    assert [row.split()[1] for row in rows[2:]] == ["server", "sockets", "client", "rtu"]
+    assert all(row.endswith("| holds |") for row in rows[2:])
