@@ -123,14 +123,13 @@ def lies(replies: list[bytes], chance: random.Random) -> bytes:
     return b"".join(replies)
 
 
-class _Wire(asyncio.Transport):
+class _Wire:
     """What the client writes to, and whether it let go."""
 
     def __init__(self) -> None:
-        super().__init__()
         self.sent, self.gone = b"", False
 
-    def write(self, data: bytes | bytearray | memoryview) -> None:
+    def write(self, data: bytes) -> None:
         self.sent += data
 
     def abort(self) -> None:
@@ -156,7 +155,7 @@ class _Rounds:
             self.framing = TcpFraming(UNIT)
             self.framing.take_ids(self.chance.randrange(65536))
             self.client, self.wire = Client(self.framing, "plc", 60.0, self.clock), _Wire()
-            self.client.connection_made(self.wire)
+            self.client.connected(self.wire)
         client, wire, chance = self.client, self.wire, self.chance
         burst = BurstState([question.request for question in self.poll.live], UNIT)
         wire.sent = b""

@@ -13,6 +13,7 @@ import os
 from typing import Protocol
 
 from softplc.clock import Clock
+from softplc.drivers.modbus import stream
 from softplc.drivers.modbus.burst import BurstState
 from softplc.drivers.modbus.config import ModbusSource, RtuOverTcpTransport, RtuTransport, TcpTransport
 from softplc.drivers.modbus.pdu import MixedUpError, ProtocolError
@@ -42,6 +43,18 @@ class Framing(Protocol):
         ...
 
 
+class Wire(Protocol):
+    """What takes requests to the device: a Stream, or the transport of a serial line."""
+
+    def write(self, data: bytes) -> None:
+        """Send."""
+        ...
+
+    def abort(self) -> None:
+        """Let go at once."""
+        ...
+
+
 class Client(asyncio.Protocol):
     """One open connection. After the first fault every request raises LinkError with that fault's text.
 
@@ -52,7 +65,7 @@ class Client(asyncio.Protocol):
         self.name = name
         self._framing, self._timeout, self._clock = framing, timeout, clock
         self._loop = asyncio.get_running_loop()
-        self._transport: asyncio.Transport | None = None
+        self._wire: Wire | None = None
         self._turn = asyncio.Lock()  # held from a request's sending until its reply, whoever still waits for it
         self._reply: asyncio.Future[bytes] | None = None
         self._timer: asyncio.TimerHandle | None = None
@@ -91,10 +104,9 @@ class Client(asyncio.Protocol):
         self._fail("closed")
         await asyncio.sleep(0)  # the transport closes its socket in the loop's next turn
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """asyncio: the connection is there."""
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
+    def connected(self, wire: Wire) -> None:
+        """Where requests go from now on."""
+        self._wire = wire
 
     def data_received(self, data: bytes) -> None:
         """asyncio: bytes came."""
@@ -127,7 +139,7 @@ class Client(asyncio.Protocol):
 
     def _begin(self) -> asyncio.Future[bytes]:
         """What the one who asks waits for, from now on for so long and no longer."""
-        if self._fault is not None or self._transport is None:
+        if self._fault is not None or self._wire is None:
             raise LinkError(self._fault or f"{self.name}: not connected")
         self._reply = self._loop.create_future()
         self._due = self._loop.time() + self._timeout
@@ -135,8 +147,8 @@ class Client(asyncio.Protocol):
         return self._reply
 
     def _write(self, frames: bytes) -> None:
-        assert self._transport is not None
-        self._transport.write(frames)
+        assert self._wire is not None
+        self._wire.write(frames)
 
     def _next(self, burst: BurstState, data: bytes) -> bytes | None:
         """Take what came and send what is due; an empty PDU when the burst is over. Raises ProtocolError."""
@@ -166,8 +178,8 @@ class Client(asyncio.Protocol):
         reply = self._finish()
         if reply is not None:
             reply.set_exception((MixedUpError if mixed_up else LinkError)(self._fault))
-        if self._transport is not None:
-            self._transport.abort()
+        if self._wire is not None:
+            self._wire.abort()
 
     def _finish(self) -> asyncio.Future[bytes] | None:
         """The outstanding request is over; its future, if someone still waits for it."""
@@ -216,15 +228,14 @@ async def connect(source: ModbusSource, framing: Framing, clock: Clock) -> Clien
         from softplc.drivers.modbus.rtu import open_serial  # noqa: PLC0415
 
         client = Client(framing, transport.device, timeout, clock)
-        client.connection_made(open_serial(transport, client))
+        client.connected(open_serial(transport, client))
         return client
     name = f"{transport.host}:{transport.port}"
     limit = min(timeout, source.connect_timeout_ms / 1000.0)  # a handshake is no slower than a request
     client = Client(framing, name, timeout, clock)
-    loop = asyncio.get_running_loop()
     try:
         async with asyncio.timeout(limit):
-            await loop.create_connection(lambda: client, transport.host, transport.port)
+            client.connected(await stream.connect(transport.host, transport.port, client))
     except TimeoutError as error:
         raise LinkError(f"{name}: no connection within {limit:g} s") from error
     except OSError as error:
