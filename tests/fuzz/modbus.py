@@ -2,9 +2,9 @@
 
 Usage: python3 dev.py fuzz modbus [--frames N] [--seed N] [PART ...]
 N frames (2 000 000) go through the server's protocol, a twentieth of that over sockets while a neighbour reads, and
-as many replies of lying devices to the client. Every response is compared with what the specification says. Streams
-that go wrong are kept in tests/fuzz/corpus/modbus, which the tests replay. Prints a table; exit code 1 when something
-is wrong.
+as many replies of lying devices to the client, half of that as RTU. Every response is compared with what the
+specification says. Streams that go wrong are kept in tests/fuzz/corpus/modbus, which the tests replay. Prints a
+table; exit code 1 when something is wrong.
 """
 
 import argparse
@@ -17,7 +17,8 @@ from tests.fuzz import modbus_client, modbus_server
 from tests.fuzz.modbus_server import Result, WrongError
 
 FRAMES = 2_000_000
-SHARE = 20  # over sockets and to the client: one in so many
+SHARE = 20  # over sockets and to the client over TCP: one in so many
+SERIAL_SHARE = 40
 MOST_GROWTH = 5 * 2**20
 MOST_LOG = 2**20
 
@@ -31,7 +32,7 @@ PARTS: dict[str, tuple[int, Callable[[int, int], Result]]] = {
     "server": (1, modbus_server.in_process),
     "sockets": (SHARE, _sockets),
     "client": (SHARE, modbus_client.tcp),
-    "rtu": (SHARE, modbus_client.rtu),
+    "rtu": (SERIAL_SHARE, modbus_client.rtu),
 }
 
 

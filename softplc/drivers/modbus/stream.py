@@ -64,8 +64,9 @@ class Stream:
             self._lose(None)
 
     def _lose(self, error: OSError | None) -> None:
-        self.abort()
-        self._owner.connection_lost(error)
+        if self._socket.fileno() >= 0:
+            self.abort()
+            self._owner.connection_lost(error)
 
 
 async def connect(host: str, port: int, owner: Owner) -> Stream:
