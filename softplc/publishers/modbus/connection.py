@@ -80,7 +80,11 @@ class Connection:
             self.drop()
             return
         filled = self._filled + count
-        answer = protocol.answer(self._buffer, filled, self._host.units, self._host.registers)
+        try:
+            answer = protocol.answer(self._buffer, filled, self._host.units, self._host.registers)
+        except BaseException:  # a defect of ours must not come back with every packet
+            self.drop()
+            raise
         self._filled = filled - answer.consumed
         if self._filled and answer.consumed:
             self._view[: self._filled] = self._view[answer.consumed : filled]
