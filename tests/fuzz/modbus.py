@@ -2,9 +2,9 @@
 
 Usage: python3 dev.py fuzz modbus [--frames N] [--seed N] [PART ...]
 N frames (2 000 000) go through the server's protocol, a twentieth of that over sockets while a neighbour reads, and
-as many replies of lying devices to the client, half of that as RTU. Every response is compared with what the
-specification says. Streams that go wrong are kept in tests/fuzz/corpus/modbus, which the tests replay. Prints a
-table; exit code 1 when something is wrong.
+as many replies of lying devices to the client, half of that as RTU, a few to the whole driver over a socket. Every
+response is compared with what the specification says. Streams that go wrong are kept in tests/fuzz/corpus/modbus,
+which the tests replay. Prints a table; exit code 1 when something is wrong.
 """
 
 import argparse
@@ -13,12 +13,15 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from tests.fuzz import modbus_client, modbus_server
+import structlog
+
+from tests.fuzz import modbus_client, modbus_driver, modbus_server
 from tests.fuzz.modbus_server import Result, WrongError
 
 FRAMES = 2_000_000
 SHARE = 20  # over sockets and to the client over TCP: one in so many
 SERIAL_SHARE = 40
+DRIVER_SHARE = 1000  # to the whole driver over a socket, where what is missing is waited for
 MOST_GROWTH = 5 * 2**20
 MOST_LOG = 2**20
 
@@ -32,6 +35,7 @@ PARTS: dict[str, tuple[int, Callable[[int, int], Result]]] = {
     "server": (1, modbus_server.in_process),
     "sockets": (SHARE, _sockets),
     "client": (SHARE, modbus_client.tcp),
+    "driver": (DRIVER_SHARE, modbus_driver.over_sockets),
     "rtu": (SERIAL_SHARE, modbus_client.rtu),
 }
 
@@ -45,6 +49,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("parts", nargs="*", metavar="PART", choices=[[], *PARTS], help=", ".join(PARTS))
     options = parser.parse_args(arguments)
+    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(50))
     held = True
     print("| part | frames | seconds | memory grew by KiB | log | neighbour's answers | slowest ms | result |")
     print("|---|---|---|---|---|---|---|---|", flush=True)

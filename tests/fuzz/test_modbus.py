@@ -54,6 +54,11 @@ def test_a_hundred_thousand_lying_replies_give_no_wrong_value_and_no_exception_b
     assert row[-1] == "holds"
 
 
+@pytest.mark.timeout(300)  # 5 s, most of it waiting
+def test_what_the_driver_reads_from_a_lying_device_on_a_socket_is_in_the_bytes_that_it_sent():
+    assert fuzzed("driver")[-1] == "holds"
+
+
 @pytest.mark.timeout(300)  # 4 s on a quiet core
 def test_lying_replies_on_a_serial_line_are_taken_only_with_unit_and_checksum():
     row = fuzzed("rtu")
