@@ -7,6 +7,7 @@
   python3 dev.py bench [NAME]   one benchmark of bench/, or their names
   python3 dev.py soak [...]     a million scans of every observer with faulty samples, every status checked
   python3 dev.py chaos [...]    every fault of a source that we know, and what came of it, as a table
+  python3 dev.py fuzz opcua     malformed messages by the thousand against a server of ours; or: fuzz modbus
   python3 dev.py softplc [...]  any other softplc command, as in: dev.py softplc check my.yaml
 
 The first use makes .venv beside this file: uv and all the rest from requirements.lock, pinned by hash;
@@ -34,7 +35,7 @@ LOCK = ROOT / "requirements.lock"
 STAMP = VENV / "made-from"
 LINTERS = ("ruff check", "ruff format --check", "mypy", "lint-imports")
 COMMANDS = {"demo": "softplc demo", "test": "pytest", "lint": "", "bench": "python", "chaos": "python -m tests.chaos"}
-COMMANDS["soak"] = "python -m tests.soak"
+COMMANDS["soak"], COMMANDS["fuzz"] = "python -m tests.soak", "python -m tests.fuzz"
 COMMANDS["softplc"] = "softplc"
 
 

@@ -82,12 +82,12 @@ class Served:
 
 @asynccontextmanager
 async def serving(
-    exchange: Exchange | None = None, stall_timeout: float = 5.0, **fields: Any
+    exchange: Exchange | None = None, stall_timeout: float = 5.0, give_way: float = 10.0, **fields: Any
 ) -> AsyncIterator[Served]:
     """Serve an exchange that has published once."""
     exchange = exchange or full_exchange()
     exchange.publish()
-    server = ModbusServer(any_port(**fields), exchange.reader, stall_timeout)
+    server = ModbusServer(any_port(**fields), exchange.reader, stall_timeout, give_way)
     endpoint = await server.open()
     try:
         yield Served(server, exchange, int(endpoint.rpartition(":")[2]))

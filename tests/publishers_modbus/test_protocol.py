@@ -1,9 +1,6 @@
 """Frames in, frames out: every rule of the protocol as a table, and no bytes that could break it."""
 
-import random
 import struct
-import tracemalloc
-from collections.abc import Callable
 
 import pytest
 from hypothesis import given, settings
@@ -190,69 +187,3 @@ def test_how_the_bytes_arrive_does_not_matter(frames: list[bytes], data: st.Data
         waiting, replies, closed = waiting[found.consumed :], replies + found.replies, found.close
 
     assert (whole.replies, whole.close) == (replies, closed)
-
-
-def mutated(chance: random.Random) -> bytes:
-    """A valid frame with something done to it; one in four stays valid."""
-    pdu = chance.choice([*WRITES.values(), b"\x03\x00\x00\x00\x7d", b"\x04\x00\x64\x00\x02", b"\x2b\x0e\x01\x00"])
-    whole = bytearray(frame(pdu, chance.choice((0, 1, 1, 1, 255, 9)), chance.randrange(65536)))
-    mutations: list[Callable[[], object]] = [
-        lambda: None,
-        lambda: whole.__setitem__(chance.randrange(len(whole)), chance.randrange(256)) if whole else None,
-        lambda: whole.__setitem__(slice(6, None), chance.randbytes(chance.randrange(300))),
-        lambda: whole.__delitem__(slice(chance.randrange(len(whole) + 1), None)),
-        lambda: whole.extend(chance.randbytes(chance.randrange(20))),
-        lambda: whole.__setitem__(slice(4, 6), chance.choice((0, 1, 2, 5, 6, 7, 254, 255)).to_bytes(2, "big")),
-        lambda: whole.__setitem__(slice(7, 8), chance.randbytes(1)),
-        lambda: whole.__setitem__(slice(8, 12), chance.randbytes(4)),
-    ]
-    for _ in range(chance.choice((0, 1, 1, 2))):
-        chance.choice(mutations)()
-    return bytes(whole)
-
-
-def test_two_hundred_thousand_mutated_frames_raise_nothing_and_hold_no_memory():
-    """Every frame alone and behind a valid one; responses are well-formed and as many as the frames used up."""
-    chance = random.Random(20_480)
-    valid = request(3, 1)
-    frames = [mutated(chance) for _ in range(5_000)]
-    for one in frames:
-        ask(valid + one)
-    tracemalloc.start()
-    before, _ = tracemalloc.get_traced_memory()
-    try:
-        for number in range(200_000):
-            changed = bytearray(frames[number % 5_000])  # and one more bit flipped, so that none comes twice
-            if changed:
-                changed[chance.randrange(len(changed))] ^= 1 << chance.randrange(8)
-            one = bytes(changed)
-            found = ask(valid + one)
-            assert well_formed(found.replies) == frames_in(valid + one, found.consumed)
-        after, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert after - before < 65_536  # nothing is kept: the rest is the interpreter's own
-    assert peak - before < 1_048_576  # one burst of frames at a time
-
-
-def well_formed(replies: bytes) -> int:
-    """How many responses there are; each with a right header, nothing left over."""
-    count, at = 0, 0
-    while at < len(replies):
-        _, protocol, length = struct.unpack_from(">HHH", replies, at)
-        assert protocol == 0
-        assert 3 <= length <= 254
-        at += 6 + length
-        count += 1
-    assert at == len(replies)
-    return count
-
-
-def frames_in(stream: bytes, consumed: int) -> int:
-    """How many frames the consumed bytes are."""
-    count, at = 0, 0
-    while at < consumed:
-        at += 6 + struct.unpack_from(">H", stream, at + 4)[0]
-        count += 1
-    assert at == consumed
-    return count

@@ -1,4 +1,6 @@
-"""A connection to a Modbus device: one request outstanding, every wait has an end, a fault ends the connection.
+"""A connection to a Modbus device: every wait has an end, a fault ends the connection.
+
+One request is outstanding, unless a burst of reads is allowed more; replies are then told by their transaction ids.
 
 Modbus TCP is framed here (`tcp.py`) rather than by pymodbus: MBAP is seven bytes, and what the driver needs is what
 pymodbus' client leaves out: a reply is refused unless transaction, unit, function and length are those of the
@@ -11,8 +13,10 @@ import os
 from typing import Protocol
 
 from softplc.clock import Clock
+from softplc.drivers.modbus import stream
+from softplc.drivers.modbus.burst import BurstState
 from softplc.drivers.modbus.config import ModbusSource, RtuOverTcpTransport, RtuTransport, TcpTransport
-from softplc.drivers.modbus.pdu import ProtocolError
+from softplc.drivers.modbus.pdu import MixedUpError, ProtocolError
 from softplc.drivers.modbus.tcp import TcpFraming
 from softplc.errors import ConfigError, LinkError
 
@@ -39,6 +43,18 @@ class Framing(Protocol):
         ...
 
 
+class Wire(Protocol):
+    """What takes requests to the device: a Stream, or the transport of a serial line."""
+
+    def write(self, data: bytes) -> None:
+        """Send."""
+        ...
+
+    def abort(self) -> None:
+        """Let go at once."""
+        ...
+
+
 class Client(asyncio.Protocol):
     """One open connection. After the first fault every request raises LinkError with that fault's text.
 
@@ -49,10 +65,13 @@ class Client(asyncio.Protocol):
         self.name = name
         self._framing, self._timeout, self._clock = framing, timeout, clock
         self._loop = asyncio.get_running_loop()
-        self._transport: asyncio.Transport | None = None
+        self._wire: Wire | None = None
         self._turn = asyncio.Lock()  # held from a request's sending until its reply, whoever still waits for it
         self._reply: asyncio.Future[bytes] | None = None
         self._timer: asyncio.TimerHandle | None = None
+        self._due = 0.0  # loop time at which the device has kept us waiting for too long
+        self._burst: BurstState | None = None
+        self._in_flight = 1
         self.heard = float("-inf")
         self._fault: str | None = None
 
@@ -66,15 +85,28 @@ class Client(asyncio.Protocol):
             raise
         return await reply
 
+    async def read(self, burst: BurstState, in_flight: int) -> None:
+        """Have every request of the burst answered, at most so many outstanding. Modbus TCP. Raises LinkError."""
+        await self._turn.acquire()
+        try:
+            reply = self._begin()
+        except BaseException:
+            self._turn.release()
+            raise
+        assert isinstance(self._framing, TcpFraming)
+        burst.start(self._framing.take_ids(len(burst)))
+        self._burst, self._in_flight = burst, in_flight
+        self._write(burst.due(in_flight))
+        await reply
+
     async def close(self) -> None:
         """Let go of the socket or port."""
         self._fail("closed")
         await asyncio.sleep(0)  # the transport closes its socket in the loop's next turn
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """asyncio: the connection is there."""
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
+    def connected(self, wire: Wire) -> None:
+        """Where requests go from now on."""
+        self._wire = wire
 
     def data_received(self, data: bytes) -> None:
         """asyncio: bytes came."""
@@ -84,9 +116,9 @@ class Client(asyncio.Protocol):
                 self._fail(f"{len(data)} bytes came, nothing was asked for")
             return
         try:
-            pdu = self._framing.feed(data)
+            pdu = self._framing.feed(data) if self._burst is None else self._next(self._burst, data)
         except ProtocolError as error:
-            self._fail(str(error))
+            self._fail(str(error), mixed_up=isinstance(error, MixedUpError))
             return
         if pdu is not None:
             reply = self._finish()
@@ -101,31 +133,60 @@ class Client(asyncio.Protocol):
         ready = self.heard + self._framing.pause
         if self._framing.pause and self._clock.monotonic() < ready:
             await self._clock.sleep_until(ready)
-        if self._fault is not None or self._transport is None:
-            raise LinkError(self._fault or f"{self.name}: not connected")
-        reply: asyncio.Future[bytes] = self._loop.create_future()
-        self._reply = reply
-        self._timer = self._loop.call_later(self._timeout, self._fail, f"no reply within {self._timeout:g} s")
-        self._transport.write(self._framing.frame(pdu))
+        reply = self._begin()
+        self._write(self._framing.frame(pdu))
         return reply
 
-    def _fail(self, reason: str) -> None:
+    def _begin(self) -> asyncio.Future[bytes]:
+        """What the one who asks waits for, from now on for so long and no longer."""
+        if self._fault is not None or self._wire is None:
+            raise LinkError(self._fault or f"{self.name}: not connected")
+        self._reply = self._loop.create_future()
+        self._due = self._loop.time() + self._timeout
+        self._timer = self._loop.call_at(self._due, self._late)
+        return self._reply
+
+    def _write(self, frames: bytes) -> None:
+        assert self._wire is not None
+        self._wire.write(frames)
+
+    def _next(self, burst: BurstState, data: bytes) -> bytes | None:
+        """Take what came and send what is due; an empty PDU when the burst is over. Raises ProtocolError."""
+        if burst.feed(data, self.heard, self._clock.utc_ns()):
+            self._due = self._loop.time() + self._timeout
+        if burst.done:
+            return b""
+        if self._reply is not None and self._reply.done():  # nobody waits any more: only what was sent is awaited
+            return None if burst.outstanding else b""
+        frames = burst.due(self._in_flight)
+        if frames:
+            self._write(frames)
+        return None
+
+    def _late(self) -> None:
+        """The time for a reply is up, unless one of a burst came meanwhile."""
+        if self._loop.time() < self._due:
+            self._timer = self._loop.call_at(self._due, self._late)
+        else:
+            self._fail(f"no reply within {self._timeout:g} s")
+
+    def _fail(self, reason: str, *, mixed_up: bool = False) -> None:
         """The first fault is the connection's end: the one who waits is told, and the transport goes at once."""
         if self._fault is not None:
             return
         self._fault = f"{self.name}: {reason}"
         reply = self._finish()
         if reply is not None:
-            reply.set_exception(LinkError(self._fault))
-        if self._transport is not None:
-            self._transport.abort()
+            reply.set_exception((MixedUpError if mixed_up else LinkError)(self._fault))
+        if self._wire is not None:
+            self._wire.abort()
 
     def _finish(self) -> asyncio.Future[bytes] | None:
         """The outstanding request is over; its future, if someone still waits for it."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        reply, self._reply = self._reply, None
+        reply, self._reply, self._burst = self._reply, None, None
         if reply is None:
             return None
         self._turn.release()
@@ -135,8 +196,13 @@ class Client(asyncio.Protocol):
 def framing_of(source: ModbusSource) -> Framing:
     """The frames of a source's transport; imports pymodbus where it is needed.
 
-    Raises ConfigError for unit 0 on a serial line.
+    Raises ConfigError for unit 0 on a serial line, and for several requests in flight there.
     """
+    if source.in_flight > 1 and not isinstance(source.transport, TcpTransport):
+        raise ConfigError(
+            f"source {source.name}: in_flight {source.in_flight} needs transaction ids, which only Modbus TCP has; "
+            f"expected 1"
+        )
     if source.unit_id == 0 and not isinstance(source.transport, TcpTransport):
         raise ConfigError(
             f"source {source.name}: unit_id 0 is the broadcast of a serial line, nobody answers it; expected 1 to 247"
@@ -162,15 +228,14 @@ async def connect(source: ModbusSource, framing: Framing, clock: Clock) -> Clien
         from softplc.drivers.modbus.rtu import open_serial  # noqa: PLC0415
 
         client = Client(framing, transport.device, timeout, clock)
-        client.connection_made(open_serial(transport, client))
+        client.connected(open_serial(transport, client))
         return client
     name = f"{transport.host}:{transport.port}"
     limit = min(timeout, source.connect_timeout_ms / 1000.0)  # a handshake is no slower than a request
     client = Client(framing, name, timeout, clock)
-    loop = asyncio.get_running_loop()
     try:
         async with asyncio.timeout(limit):
-            await loop.create_connection(lambda: client, transport.host, transport.port)
+            client.connected(await stream.connect(transport.host, transport.port, client))
     except TimeoutError as error:
         raise LinkError(f"{name}: no connection within {limit:g} s") from error
     except OSError as error:

@@ -76,6 +76,8 @@ class ModbusSource(Model):
     """Most coils or discrete inputs that the device gives in one request."""
     max_gap: Annotated[int, Field(ge=0, le=124)] = 8
     """Unused registers (or bits) that may lie between two tags of one request; 0 reads exactly what is declared."""
+    in_flight: Annotated[int, Field(ge=1, le=64)] = 1
+    """Most requests that are sent before the first of them is answered; Modbus TCP only."""
     timeout_ms: Annotated[float, Field(ge=10, le=60_000)] = 500.0
     """A request that takes longer means that the link is lost, ms."""
     connect_timeout_ms: Annotated[float, Field(ge=100, le=60_000)] = 4000.0

@@ -1,8 +1,9 @@
 """The Modbus driver: polls its readings with as few requests as the device allows, and writes its writings.
 
-Each read asks for everything once, one request after the other. An exception response is the status of the tags of
-that request (`pdu.py`); any reply that does not fit its request, and silence, end the connection with a LinkError.
-Modbus carries no timestamps: the source timestamp of a sample is the wall time at which its reply arrived.
+Each read asks for everything once, one request after the other, or several in flight where the configuration allows
+it and the device stands the test. An exception response is the status of the tags of that request (`pdu.py`); any
+reply that does not fit its request, and silence, end the connection with a LinkError. Modbus carries no timestamps:
+the source timestamp of a sample is the wall time at which its reply arrived.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -11,18 +12,29 @@ from typing import Final, TypeVar
 
 from softplc.clock import Clock
 from softplc.drivers.modbus.address import LAST_OFFSET, Address, parse_address
+from softplc.drivers.modbus.burst import BurstState
 from softplc.drivers.modbus.client import Client, connect, framing_of
 from softplc.drivers.modbus.codec import REGISTERS, Field, encode
 from softplc.drivers.modbus.config import ModbusSource, ModbusTag, ModbusType
-from softplc.drivers.modbus.pdu import WRITE_REGISTER, ProtocolError, read_reply, write_reply, write_request
+from softplc.drivers.modbus.in_flight import seen
+from softplc.drivers.modbus.pdu import (
+    WRITE_REGISTER,
+    MixedUpError,
+    ProtocolError,
+    read_reply,
+    write_reply,
+    write_request,
+)
 from softplc.drivers.modbus.plan import Limits, Request, Span
-from softplc.drivers.modbus.polling import Answer, PollState, Question, Value
+from softplc.drivers.modbus.polling import Answer, PollState, Question, Round, Value
+from softplc.drivers.modbus.tcp import TcpFraming
 from softplc.errors import ConfigError, LinkError
 from softplc.sample import StatusCode
 from softplc.tags import Image
 
 T = TypeVar("T")
 
+_MOST_IN_A_BURST: Final = 0xFFFF  # transaction ids
 _SEARCH_SHARE: Final = 0.25  # of a read's time limit, for finding which addresses a device does not know
 
 
@@ -43,6 +55,9 @@ class ModbusDriver:
         self._poll: PollState | None = None
         self._client: Client | None = None
         self._single_writes = True  # until the device refuses function 6
+        self._burst: BurstState | None = None
+        self._burst_of: list[Question] = []
+        self._in_flight = 1
 
     @property
     def problems(self) -> tuple[str, ...]:
@@ -59,13 +74,16 @@ class ModbusDriver:
 
         Raises LinkError when the device cannot be reached or does not answer as Modbus asks.
         """
-        self._client = await connect(self._config, self._framing, self._clock)
-        try:
-            self._poll = self._plan()  # not before: attempts to reach a device that is away are cheap
-            await self._read(Image(len(self._readings)), _SEARCH_SHARE * self._config.connect_timeout_ms / 1000.0)
-        except BaseException:
-            await self._client.close()
-            raise
+        await self._open()
+        wanted = seen.allowed(self._device, self._config.in_flight)
+        if wanted > 1 and self._poll is not None and self._poll.live:
+            try:
+                await self._probe(self._poll.live, wanted)
+                self._in_flight = wanted
+            except LinkError as error:
+                await self.close()
+                await self._open()  # it does answer when it is asked one thing at a time
+                seen.lower(self._device, str(error))
 
     async def read(self, into: Image) -> None:
         """Fill `into`, one entry for each reading, from the device. Raises LinkError."""
@@ -84,6 +102,28 @@ class ModbusDriver:
         if self._client is not None:
             await self._client.close()
 
+    @property
+    def _device(self) -> str:
+        return f"{self._connected().name}, unit {self._config.unit_id}"
+
+    async def _open(self) -> None:
+        self._client = await connect(self._config, self._framing, self._clock)
+        try:
+            self._poll = self._plan()  # not before: attempts to reach a device that is away are cheap
+            await self._read(Image(len(self._readings)), _SEARCH_SHARE * self._config.connect_timeout_ms / 1000.0)
+        except BaseException:
+            await self._client.close()
+            raise
+
+    async def _probe(self, live: Sequence[Question], in_flight: int) -> None:
+        """Ask so many things at once, of different lengths as far as may be, so that no reply passes for another.
+
+        Raises LinkError when the device loses one or mixes them up.
+        """
+        widest = max((question.request for question in live), key=lambda request: request.count)
+        parts = [Request(widest.table, widest.start, 1 + n % widest.count, ()) for n in range(in_flight)]
+        await self._connected().read(BurstState(parts, self._config.unit_id), in_flight)
+
     def _plan(self) -> PollState:
         order = self._config.byte_order
         values = [
@@ -98,9 +138,31 @@ class ModbusDriver:
             raise LinkError(f"source {self._config.name} is not open")
         until = self._clock.monotonic() + search
         polled = self._poll.start()
-        for question in polled.due(lambda: self._clock.monotonic() < until):
+        asked = isinstance(self._framing, TcpFraming) and 0 < len(self._poll.live) <= _MOST_IN_A_BURST
+        if asked:
+            burst = await self._read_live(self._poll.live)
+            if not burst.refused and self._poll.settled:
+                self._poll.fill(burst.wire, burst.arrivals, burst.timestamps, into)
+                return
+            _take(burst, self._poll.live, polled)
+        for question in polled.due(lambda: self._clock.monotonic() < until, live=not asked):
             polled.take(await self._ask(question))
         self._poll.finish(polled, into)
+
+    async def _read_live(self, live: list[Question]) -> BurstState:
+        """All live questions answered, by frames made when they were first asked."""
+        burst = self._burst
+        if burst is None or self._burst_of != live:
+            burst = self._burst = BurstState([question.request for question in live], self._config.unit_id)
+            self._burst_of = live
+        client = self._connected()
+        try:
+            await client.read(burst, self._in_flight)
+        except MixedUpError as error:
+            if self._in_flight > 1:
+                seen.lower(self._device, str(error))
+            raise
+        return burst
 
     async def _ask(self, question: Question) -> Answer:
         reply = await self._exchange(question.pdu, read_reply, question.request)
@@ -136,6 +198,13 @@ class ModbusDriver:
         if self._client is None:
             raise LinkError(f"source {self._config.name} is not open")
         return self._client
+
+
+def _take(burst: BurstState, live: Sequence[Question], polled: Round) -> None:
+    """Hand over the replies of a burst one by one."""
+    for number, question in enumerate(live):
+        arrival, timestamp = float(burst.arrivals[number]), int(burst.timestamps[number])
+        polled.take(Answer(question, burst.reply(number), arrival, timestamp))
 
 
 def _checked(config: ModbusSource, tag: ModbusTag) -> Span:

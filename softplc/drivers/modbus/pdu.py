@@ -42,6 +42,10 @@ class ProtocolError(LinkError):
     """The device answered against the protocol, or with the answer to something else."""
 
 
+class MixedUpError(ProtocolError):
+    """A reply carries the transaction id of no request that is outstanding."""
+
+
 _EXCEPTION_NAMES: Final = {
     1: "illegal function",
     2: "illegal data address",

@@ -64,6 +64,24 @@ class PollState:
         self._layout = _Layout(values, [])
 
     @property
+    def live(self) -> list[Question]:
+        """What every read asks."""
+        return self._live
+
+    @property
+    def settled(self) -> bool:
+        """A read asks what is live and nothing else: no value is refused or searched for."""
+        return not self._parts and not self._parked
+
+    def fill(
+        self, wire: NDArray[np.uint8], arrivals: NDArray[np.float64], stamps: NDArray[np.int64], into: Image
+    ) -> None:
+        """Fill `into` when settled from the data of all live questions, one after the other; arrivals [questions]."""
+        if self._layout.questions != self._live:
+            self._layout = _Layout(self._values, self._live)
+        self._layout.fill_good(wire, arrivals, stamps, into)
+
+    @property
     def refused(self) -> dict[Span, Refused]:
         """The values that the device refuses alone, and how it did last."""
         replies = ((span, answer.reply) for span, answer in self._parked.items())
@@ -101,13 +119,15 @@ class Round:
         self.recovered = False
         self._live, self._turn, self._limits = live, turn, limits
 
-    def due(self, time_left: Callable[[], bool]) -> Iterator[Question]:
+    def due(self, time_left: Callable[[], bool], live: bool = True) -> Iterator[Question]:
         """One question after the other; each answer is to be taken before the next.
 
-        All that the device gives, parts of what it refused while there is time, at least one, and a parked value.
+        All that the device gives (`live`, unless those are taken already), parts of what it refused while there is
+        time, at least one, and a parked value.
         """
         parked = list(self.parked.values())
-        yield from self._live
+        if live:
+            yield from self._live
         if self.parts:
             yield self.parts.popleft().question
         while self.parts and time_left():
@@ -150,15 +170,21 @@ class _Layout:
         if not answers:
             return
         wire = b"".join(a.reply if isinstance(a.reply, bytes) else bytes(a.question.request.size) for a in answers)
-        into.values[:] = self._decoder.decode(np.frombuffer(wire, np.uint8))
-        into.arrivals[:] = np.array([a.arrival for a in answers]).take(self._question_of)
-        into.source_timestamps[:] = np.array([a.timestamp for a in answers], np.int64).take(self._question_of)
+        arrivals, stamps = np.array([a.arrival for a in answers]), np.array([a.timestamp for a in answers], np.int64)
+        self.fill_good(np.frombuffer(wire, np.uint8), arrivals, stamps, into)
         statuses = [a.reply.status if isinstance(a.reply, Refused) else int(StatusCode.GOOD) for a in answers]
         if any(statuses):
             into.statuses[:] = np.array(statuses, np.uint32).take(self._question_of)
             into.values[into.statuses >= StatusCode.BAD] = np.nan
-        else:
-            into.statuses[:] = StatusCode.GOOD
+
+    def fill_good(
+        self, wire: NDArray[np.uint8], arrivals: NDArray[np.float64], stamps: NDArray[np.int64], into: Image
+    ) -> None:
+        """Samples of all values from the data of all questions, one after the other; arrivals and stamps of each."""
+        into.values[:] = self._decoder.decode(wire)
+        into.arrivals[:] = arrivals.take(self._question_of)
+        into.source_timestamps[:] = stamps.take(self._question_of)
+        into.statuses[:] = StatusCode.GOOD
 
 
 def _questions(requests: Sequence[Request]) -> list[Question]:

@@ -35,7 +35,9 @@ class ModbusPublisher(Model):
     placements: tuple[AxisPlacement, ...] = ()
     """Axes that need a fixed place; the others follow in the order of the file."""
     max_clients: Annotated[int, Field(ge=1, le=1000)] = 32
-    """Connections at the same time; one more is closed at once."""
+    """Connections at the same time; beyond them there is one more for an address that has none."""
+    max_clients_per_address: Annotated[int, Field(ge=1, le=1000)] = 16
+    """Connections at the same time from one address."""
     idle_timeout_s: Annotated[float, Field(ge=1, le=86_400)] = 600.0
     """A client that asks nothing for so long is disconnected, s."""
 

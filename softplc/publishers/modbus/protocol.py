@@ -6,9 +6,8 @@ functions 3 (holding registers) and 4 (input registers); both read the same imag
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from struct import Struct
-from typing import Final
+from typing import Final, NamedTuple
 
 READ_HOLDING: Final = 3
 READ_INPUT: Final = 4
@@ -28,8 +27,7 @@ _LONGEST: Final = LONGEST_FRAME - _HEADER.size
 _READ_LENGTH: Final = 6  # length: unit, function, first register, quantity
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(NamedTuple):
     """What to send, how many bytes of the buffer are used up, and whether the connection is beyond repair."""
 
     replies: bytes

@@ -1,24 +1,27 @@
-"""The Modbus TCP server: listens, admits clients up to a cap, and drops those that are idle or do not read."""
+"""The Modbus TCP server: listens, admits clients up to its caps, and drops those that are idle or do not read."""
 
 import asyncio
+import math
 import socket
-from typing import Final, cast
+from collections import Counter
+from typing import Final
 
 import structlog
 
 from softplc.errors import ConfigError, SoftplcError
 from softplc.exchange import Reader
-from softplc.publishers.modbus import protocol
 from softplc.publishers.modbus.config import ModbusPublisher
+from softplc.publishers.modbus.connection import Connection
 from softplc.publishers.modbus.image import RegisterImage
+from softplc.publishers.modbus.listener import Listener
 from softplc.publishers.modbus.map import build_map
 from softplc.publishers.modbus.placement import PlacementError
 
 STALL_TIMEOUT_S: Final = 5.0  # a client that does not take its answers for so long is dropped
-_RECEIVE_BYTES: Final = 2048  # per client; some 170 requests are answered in one go
-_SEND_BYTES: Final = 65_536  # answers waiting for a client, in the process and again in the kernel, before we pause
-_CLOSE_TIMEOUT_S: Final = 1.0
-_SWEEPS: Final = 4  # an idle client is dropped after 1 to 1 + 1/_SWEEPS of the idle timeout
+GIVE_WAY_S: Final = 10.0  # a client that asked nothing for so long gives its place to one who finds none
+_RESERVED: Final = 1  # places beyond max_clients, for an address that has none
+_SWEEP_S: Final = 1.0
+_SWEEPS: Final = 4  # at least so many in any of these times: they end at most a quarter late
 _WARN_EVERY_S: Final = 60.0
 _ANY_UNIT: Final = (0, 255)  # both mean the server itself (TCP/IP Implementation Guide V1.0b: unit identifier)
 
@@ -31,7 +34,13 @@ class ModbusServer:
     Raises ConfigError at construction when the register map does not fit.
     """
 
-    def __init__(self, config: ModbusPublisher, reader: Reader, stall_timeout: float = STALL_TIMEOUT_S) -> None:
+    def __init__(
+        self,
+        config: ModbusPublisher,
+        reader: Reader,
+        stall_timeout: float = STALL_TIMEOUT_S,
+        give_way: float = GIVE_WAY_S,
+    ) -> None:
         try:
             self.map = build_map(reader.table, config)
         except PlacementError as error:
@@ -41,23 +50,25 @@ class ModbusServer:
         self._config = config
         self._reader = reader
         self._image = RegisterImage(self.map, len(reader.table), config.bad_values)
-        self._connections: set[_Connection] = set()
-        self._deserted = asyncio.Event()
-        self._deserted.set()
-        self._server: asyncio.Server | None = None
+        self._connections: set[Connection] = set()
+        self._of_address: Counter[str] = Counter()
+        self._listener: Listener | None = None
+        self._sweep_s = min(_SWEEP_S, config.idle_timeout_s / _SWEEPS, give_way / _SWEEPS)
+        self._idle_sweeps = math.ceil(config.idle_timeout_s / self._sweep_s)
+        self._give_way_sweeps = math.ceil(give_way / self._sweep_s)
         self._sweeper: asyncio.TimerHandle | None = None
-        self._warned: dict[str, asyncio.TimerHandle] = {}
+        self._warned: dict[str, int] = {}
+        self._timers: dict[str, asyncio.TimerHandle] = {}
 
     async def open(self) -> str:
         """Listen; returns the endpoint as in `modbus://127.0.0.1:5020`."""
         host, port = self._config.host, self._config.port
-        loop = asyncio.get_running_loop()
+        self._listener = Listener(self._newcomer, self._exhausted)
         try:
-            self._server = await loop.create_server(lambda: _Connection(self), host, port)
+            bound = await self._listener.open(host, port)
         except OSError as error:
             raise SoftplcError(_cannot_listen(host, port, error)) from error
         self._sweep()
-        bound = self._server.sockets[0].getsockname()[1]
         return f"modbus://{f'[{host}]' if ':' in host else host}:{bound}"
 
     async def publish(self) -> None:
@@ -66,21 +77,13 @@ class ModbusServer:
 
     async def close(self) -> None:
         """Stop listening, drop every client."""
-        for timer in (self._sweeper, *self._warned.values()):
+        for timer in (self._sweeper, *self._timers.values()):
             if timer is not None:
                 timer.cancel()
-        if self._server is None:
-            return
-        self._server.close()
+        if self._listener is not None:
+            self._listener.close()
         for connection in tuple(self._connections):
             connection.drop()
-        try:
-            async with asyncio.timeout(_CLOSE_TIMEOUT_S):
-                await self._server.wait_closed()
-                await self._deserted.wait()  # aborted ones leave in the loop's next turn
-        except TimeoutError:
-            log.warning("modbus server did not close in time", clients=len(self._connections))
-        self._server = None
 
     @property
     def clients(self) -> int:
@@ -91,103 +94,73 @@ class ModbusServer:
         """All registers as of the newest snapshot."""
         return self._image.encode(self._reader.snapshot())
 
-    def admit(self, connection: "_Connection") -> bool:
-        """Count a new client in, unless there are too many."""
-        if len(self._connections) >= self._config.max_clients:
-            self.warn("modbus client refused, too many are connected", limit=self._config.max_clients)
-            return False
-        self._connections.add(connection)
-        self._deserted.clear()
-        return True
-
-    def leave(self, connection: "_Connection") -> None:
+    def leave(self, connection: Connection) -> None:
         """A connection is gone."""
         self._connections.discard(connection)
-        if not self._connections:
-            self._deserted.set()
+        self._of_address[connection.address] -= 1
+        if not self._of_address[connection.address]:
+            del self._of_address[connection.address]
 
-    def warn(self, event: str, **fields: float) -> None:
-        """Log what a client can bring about at will: each event once a minute at most."""
-        if event not in self._warned:
-            log.warning(event, clients=self.clients, **fields)
-            loop = asyncio.get_running_loop()
-            self._warned[event] = loop.call_later(_WARN_EVERY_S, self._warned.pop, event)
+    def stalled(self, connection: Connection) -> None:
+        """A connection was dropped since the client did not take its answers."""
+        self._warn("modbus client dropped, it does not take its answers", seconds=self.stall_timeout)
+
+    def _newcomer(self, sock: socket.socket, address: str) -> None:
+        """Let a client in when there is a place for it, or when one who asks nothing gives way."""
+        limit = self._config.max_clients_per_address
+        if self._of_address[address] >= limit:
+            admitted = self._make_room(address)
+            event, field = "modbus client refused, too many are connected from its address", "limit_per_address"
+        else:
+            limit = self._config.max_clients
+            places = limit if address in self._of_address else limit + _RESERVED
+            admitted = len(self._connections) < places or self._make_room()
+            event, field = "modbus client refused, too many are connected", "limit"
+        if not admitted:
+            sock.close()
+            self._warn(event, **{field: limit})
+            return
+        try:
+            self._connections.add(Connection(self, sock, address))
+        except OSError:  # the client is gone already
+            sock.close()
+            return
+        self._of_address[address] += 1
+
+    def _make_room(self, address: str | None = None) -> bool:
+        """Drop the client that has asked nothing for the longest time, if that is long; of one address, or of all."""
+        chosen = [one for one in self._connections if address in (None, one.address)]
+        quietest = max(chosen, key=lambda one: one.quiet, default=None)
+        if quietest is None or quietest.quiet < self._give_way_sweeps:
+            return False
+        quietest.drop()
+        return True
+
+    def _exhausted(self) -> None:
+        self._warn("modbus client refused, this process has no file descriptor left")
 
     def _sweep(self) -> None:
-        """Drop those that asked nothing during the last sweeps."""
+        """Drop those that asked nothing for too long."""
         for connection in tuple(self._connections):
-            connection.quiet_sweeps += 1
-            if connection.quiet_sweeps > _SWEEPS:
+            connection.quiet += 1
+            if connection.quiet > self._idle_sweeps:
                 connection.drop()
-        interval = self._config.idle_timeout_s / _SWEEPS
-        self._sweeper = asyncio.get_running_loop().call_later(interval, self._sweep)
+        self._sweeper = asyncio.get_running_loop().call_later(self._sweep_s, self._sweep)
 
-
-class _Connection(asyncio.BufferedProtocol):
-    """One client. What it holds is bounded: a receive buffer of fixed size, and answers up to the write limit.
-
-    When the client does not take its answers, nothing more is read from it; after the stall timeout it is dropped.
-    """
-
-    _transport: asyncio.Transport
-
-    def __init__(self, server: ModbusServer) -> None:
-        self.quiet_sweeps = 0
-        self._server = server
-        self._buffer = bytearray(_RECEIVE_BYTES)
-        self._view = memoryview(self._buffer)
-        self._filled = 0
-        self._stalled: asyncio.TimerHandle | None = None
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._transport = cast(asyncio.Transport, transport)
-        if not self._server.admit(self):
-            self._transport.abort()
+    def _warn(self, event: str, **fields: float) -> None:
+        """Log what a client can bring about at will: each event once a minute at most, and how often it came."""
+        if event in self._warned:
+            self._warned[event] += 1
             return
-        sock: socket.socket = transport.get_extra_info("socket")
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BYTES)
-        self._transport.set_write_buffer_limits(high=_SEND_BYTES)
+        self._warned[event] = 0
+        log.warning(event, clients=self.clients, **fields)
+        self._timers[event] = asyncio.get_running_loop().call_later(_WARN_EVERY_S, self._warn_again, event, fields)
 
-    def connection_lost(self, exc: Exception | None) -> None:
-        self._cancel_stall()
-        self._server.leave(self)
-
-    def get_buffer(self, sizehint: int) -> memoryview:
-        return self._view[self._filled :]
-
-    def buffer_updated(self, nbytes: int) -> None:
-        filled = self._filled + nbytes
-        answer = protocol.answer(self._buffer, filled, self._server.units, self._server.registers)
-        self._filled = filled - answer.consumed
-        if answer.consumed:
-            self.quiet_sweeps = 0
-            self._view[: self._filled] = self._view[answer.consumed : filled]
-            self._transport.write(answer.replies)
-        if answer.close:
-            self._transport.close()
-
-    def pause_writing(self) -> None:
-        self._transport.pause_reading()
-        loop = asyncio.get_running_loop()
-        self._stalled = loop.call_later(self._server.stall_timeout, self._drop_stalled)
-
-    def resume_writing(self) -> None:
-        self._cancel_stall()
-        self._transport.resume_reading()
-
-    def drop(self) -> None:
-        """Let go of the client at once."""
-        self._transport.abort()
-
-    def _drop_stalled(self) -> None:
-        self._server.warn("modbus client dropped, it does not take its answers", seconds=self._server.stall_timeout)
-        self.drop()
-
-    def _cancel_stall(self) -> None:
-        if self._stalled is not None:
-            self._stalled.cancel()
-            self._stalled = None
+    def _warn_again(self, event: str, fields: dict[str, float]) -> None:
+        times = self._warned.pop(event)
+        del self._timers[event]
+        if times:
+            self._warn(event, **{**fields, "times": times})
 
 
 def _cannot_listen(host: str, port: int, error: OSError) -> str:
