@@ -21,6 +21,8 @@ from softplc.exchange import Reader
 from softplc.publishers.opcua.access import Access, AllServices, Users
 from softplc.publishers.opcua.address_space import APPLICATION_URI, NAMESPACE, NAMESPACE_URI, Nodes
 from softplc.publishers.opcua.config import OpcUaPublisher
+from softplc.publishers.opcua.fast.reads import Reads
+from softplc.publishers.opcua.fast.seam import proven
 from softplc.publishers.opcua.hardened.channel import Listener
 from softplc.publishers.opcua.hardened.decoding import bound_arrays
 from softplc.publishers.opcua.hardened.limits import Limits
@@ -129,6 +131,8 @@ class OpcUaServer:
             ids = Nodes(inner.aspace, self._values, interval_ms).build(self._reader.table)
         self._watch = inner.watch = Watch(ids, interval_ms / 1000.0)
         self._attributes = [inner.aspace[node_id].attributes[ua.AttributeIds.Value] for node_id in ids]
+        if proven():
+            inner.reads = Reads(self._values, self._reader.clock, self._limits.operations)
         inner.access = Access(self._reader, self._values, inner.watch.index)
         await self._describe_server(server)
         await server._setup_server_nodes()

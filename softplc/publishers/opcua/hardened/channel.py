@@ -69,10 +69,28 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
 
     def send_response(self, *args: Any, **options: Any) -> None:
         """Answer, unless the client left too much unread: then the connection ends."""
+        if self._is_read():
+            super().send_response(*args, **options)
+
+    async def process_message(self, seqhdr: Any, body: Any) -> Any:
+        """Serve a request; one that only reads tags is answered out of the arrays."""
+        session, reads = self.session, self.iserver.reads
+        if reads is not None and session is not None and session.is_activated() and self._connection.is_open():
+            answer = reads.answer(bytes(body), session.auth_token)
+            if answer is not None:
+                session.touch()
+                self.session_last_activity = session._last_activity
+                if self._is_read():
+                    self._transport.write(self._connection.message_to_binary(answer, request_id=seqhdr.RequestId))
+                return True
+        return await super().process_message(seqhdr, body)
+
+    def _is_read(self) -> bool:
+        """The client takes what it is sent; else the connection ends."""
         if self._transport.get_write_buffer_size() > self._own_limits.unread_bytes:
             self._transport.abort()
-            return
-        super().send_response(*args, **options)
+            return False
+        return True
 
     async def close(self) -> None:
         """The connection is gone; its session may live on for a while, for a client that comes back."""
