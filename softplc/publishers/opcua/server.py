@@ -23,6 +23,7 @@ from softplc.publishers.opcua.address_space import APPLICATION_URI, NAMESPACE, N
 from softplc.publishers.opcua.config import OpcUaPublisher
 from softplc.publishers.opcua.fast.reads import Reads
 from softplc.publishers.opcua.fast.seam import proven
+from softplc.publishers.opcua.fast.sweep import Sweep
 from softplc.publishers.opcua.hardened.channel import Listener
 from softplc.publishers.opcua.hardened.decoding import bound_arrays
 from softplc.publishers.opcua.hardened.limits import Limits
@@ -56,6 +57,7 @@ class OpcUaServer:
         self._listener: Listener | None = None
         self._values = TagValues(reader.table, reader.clock.utc_ns())
         self._watch = Watch([], 0.0)
+        self._sweep: Sweep | None = None
         self._attributes: list[Any] = []
         self._second = 0
         self._service_level = -1
@@ -91,7 +93,10 @@ class OpcUaServer:
         changes = self._values.take(snapshot, now)
         if changes is not None and self._config.interval_ms is None:
             self._watch.interval = min((scan.period for scan in snapshot.scans if scan), default=self._watch.interval)
-        for number, index in enumerate(self._watch.due(changes, clock.monotonic()), start=1):
+        due = self._watch.due(changes, clock.monotonic())
+        if self._sweep is not None and (changes is not None or self._sweep.sampled):
+            self._sweep.look()
+        for number, index in enumerate(due, start=1):
             await _notify(self._attributes[index], self._values.data_value(index))
             if not number % _ITEMS_PER_TURN:
                 await asyncio.sleep(0)
@@ -133,6 +138,7 @@ class OpcUaServer:
         self._attributes = [inner.aspace[node_id].attributes[ua.AttributeIds.Value] for node_id in ids]
         if proven():
             inner.reads = Reads(self._values, self._reader.clock, self._limits.operations)
+            inner.sweep = self._sweep = Sweep(self._values, self._watch)
         inner.access = Access(self._reader, self._values, inner.watch.index)
         await self._describe_server(server)
         await server._setup_server_nodes()

@@ -4,5 +4,6 @@ asyncua keeps connections, channels, sessions, subscriptions and every other ser
 messages, after they were decrypted and put together and before they are cut into chunks and encrypted. Whatever is no
 plain Read or monitored item of a tag's value takes the ordinary way, with the same result.
 
-`encoding`: tags to bytes. `requests`: which tags a Read asks for. `reads`: its answer. `seam`: which asyncua.
+`encoding`: tags to bytes. `requests`: which tags a Read asks for. `reads`: its answer. `sweep`: what monitored items
+have to report. `queue`: what waits to be published. `items`: the items of a subscription. `seam`: which asyncua.
 """

@@ -15,9 +15,11 @@ from asyncua.server.internal_session import InternalSession
 from asyncua.server.user_managers import UserManager
 
 from softplc.publishers.opcua.access import Access
+from softplc.publishers.opcua.fast.items import SweptItems
 from softplc.publishers.opcua.fast.reads import Reads
+from softplc.publishers.opcua.fast.sweep import Sweep
 from softplc.publishers.opcua.hardened.limits import Limits
-from softplc.publishers.opcua.hardened.subscriptions import Subscriptions
+from softplc.publishers.opcua.hardened.subscriptions import MonitoredItems, Subscriptions
 from softplc.publishers.opcua.hardened.view import Browser, ReferenceTypes
 from softplc.publishers.opcua.values import Watch, stamped
 
@@ -211,6 +213,7 @@ class ClosedServer(InternalServer):  # type: ignore[misc]  # asyncua is untyped 
     access: Access
     watch: Watch
     reads: Reads | None = None  # None: every Read takes the ordinary way
+    sweep: Sweep | None = None  # None: so does every monitored item
 
     def __init__(self, users: UserManager, limits: Limits) -> None:
         super().__init__(user_manager=users)
@@ -231,6 +234,12 @@ class ClosedServer(InternalServer):  # type: ignore[misc]  # asyncua is untyped 
     def create_session(self, name: Any, user: Any = _ANONYMOUS, external: bool = True) -> Session:
         """A session for a connection; `make_room` was asked before."""
         return Session(self, name, user)
+
+    def monitored_items(self, sub: Any) -> MonitoredItems:
+        """The monitored items of a new subscription."""
+        if self.sweep is None:
+            return MonitoredItems(sub, self.aspace, self.watch)
+        return SweptItems(sub, self.aspace, self.watch, self.sweep)
 
     async def make_room(self, address: str) -> None:
         """Room for one more session from this address; one whose connection was lost gives way.
