@@ -47,9 +47,15 @@ log = structlog.get_logger(__name__)
 
 
 class OpcUaServer:
-    """Publisher of every tag over OPC-UA; read-only but for configured users and writable tags."""
+    """Publisher of every tag over OPC-UA; read-only but for configured users and writable tags.
 
-    def __init__(self, config: OpcUaPublisher, reader: Reader, limits: Limits | None = None) -> None:
+    Without `fast` every value is coded by itself, as it is with an asyncua that the fast path was not proven on.
+    """
+
+    def __init__(
+        self, config: OpcUaPublisher, reader: Reader, limits: Limits | None = None, *, fast: bool = True
+    ) -> None:
+        self._fast = fast
         self._config, self._reader = config, reader
         self._limits = limits or Limits()
         self._server: Any = None  # asyncua's, once it is built
@@ -105,6 +111,13 @@ class OpcUaServer:
             await self._tell_time(now)
         await self._tell_service_level(now)
 
+    @property
+    def slow(self) -> tuple[int, int]:
+        """How many Reads, and messages with data changes, were coded value by value instead of in arrays."""
+        if self._sweep is None or self._server is None:
+            return 0, 0
+        return self._server.iserver.reads.slow, self._sweep.slow
+
     async def close(self) -> None:
         """Stop listening and drop the clients."""
         listener, server = self._listener, self._server
@@ -136,7 +149,7 @@ class OpcUaServer:
             ids = Nodes(inner.aspace, self._values, interval_ms).build(self._reader.table)
         self._watch = inner.watch = Watch(ids, interval_ms / 1000.0)
         self._attributes = [inner.aspace[node_id].attributes[ua.AttributeIds.Value] for node_id in ids]
-        if proven():
+        if self._fast and proven():
             inner.reads = Reads(self._values, self._reader.clock, self._limits.operations)
             inner.sweep = self._sweep = Sweep(self._values, self._watch)
         inner.access = Access(self._reader, self._values, inner.watch.index)

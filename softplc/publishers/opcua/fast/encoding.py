@@ -133,6 +133,8 @@ def _kept(record: np.dtype[Any]) -> NDArray[np.bool_]:
     return kept
 
 
+LARGEST: Final = _WIDE.itemsize
+"""The most bytes that a value takes, handle included."""
 _RECORDS: Final = [_record(number) for number in range(4 * _CLASSES)]
 _KEPT: Final = np.array([_kept(record) for record in _RECORDS])
 _IDS: Final = np.array([*(number for _, number, _ in _TYPES), 0] * 4, np.uint8)

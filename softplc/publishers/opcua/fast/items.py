@@ -8,7 +8,7 @@ from asyncua import ua
 from asyncua.server.internal_subscription import InternalSubscription
 from asyncua.ua.ua_binary import struct_to_binary
 
-from softplc.publishers.opcua.fast.encoding import BOTH, encode
+from softplc.publishers.opcua.fast.encoding import BOTH, LARGEST, encode
 from softplc.publishers.opcua.fast.queue import Entries, Queue
 from softplc.publishers.opcua.fast.sweep import NO_BAND, Sweep, Terms
 from softplc.publishers.opcua.hardened.subscriptions import MonitoredItems, Sampling, present, wants_stamps
@@ -17,22 +17,43 @@ from softplc.publishers.opcua.values import Watch
 _TYPE: Final = ua.FourByteNodeId(ua.ObjectIds.DataChangeNotification_Encoding_DefaultBinary)
 _COUNT: Final = 4  # bytes of the number of items, and of that of the diagnostics after them
 _NO_DIAGNOSTICS: Final[bytes] = struct_to_binary(ua.DataChangeNotification())[-_COUNT:]
-_ALL: Final = 1 << 31
+_BESIDE: Final = 4096  # bytes, at most, of all else in a message: of acknowledgements and what they answer
 
 
 class Subscription(InternalSubscription):  # type: ignore[misc]  # asyncua is untyped here
     """asyncua's, which also publishes what its swept items have to say, as bytes."""
 
+    async def publish_results(self, requestdata: Any = None) -> bool:
+        """Publish, and at once what did not fit into the message; False when nothing was published."""
+        published = more = bool(await super().publish_results(requestdata))
+        while more and self._is_waiting():
+            more = bool(await super().publish_results())
+        return published
+
     def has_published_results(self) -> bool:
         """A message is due, with notifications or to keep alive."""
-        waiting = self._publishing_enabled and bool(self.monitored_item_srv.waiting)
-        return waiting or bool(super().has_published_results())
+        return self._is_waiting() or bool(super().has_published_results())
+
+    def _is_waiting(self) -> bool:
+        return self._publishing_enabled and bool(self.monitored_item_srv.waiting)
+
+    def _pop_publish_result(self) -> Any:
+        result = super()._pop_publish_result()
+        result.MoreNotifications = self._is_waiting()
+        return result
 
     def _pop_triggered_datachanges(self, result: Any) -> None:
+        items = self.monitored_item_srv
+        items.sweep.slow += bool(self._triggered_datachanges)
         super()._pop_triggered_datachanges(result)
-        if self.monitored_item_srv.waiting:
-            body = data_change(self.monitored_item_srv.take())
-            result.NotificationMessage.NotificationData.append(ua.ExtensionObject(_TYPE, body))
+        if items.waiting:
+            entries = items.take(self._most())
+            result.NotificationMessage.NotificationData.append(ua.ExtensionObject(_TYPE, data_change(entries)))
+
+    def _most(self) -> int:
+        """How many notifications the client takes in one message."""
+        room = (self.pub_result_callback.__self__.room() - _BESIDE) // LARGEST
+        return int(max(min(room, self.most_notifications or room), 1))
 
 
 class SweptItems(MonitoredItems):
@@ -41,7 +62,7 @@ class SweptItems(MonitoredItems):
     def __init__(self, isub: Any, aspace: Any, watch: Watch, sweep: Sweep) -> None:
         super().__init__(isub, aspace, watch)
         isub.__class__ = Subscription
-        self._sweep = sweep
+        self.sweep = sweep
         self._queue = Queue()
         self._number = sweep.open(self._queue)
         self._slots: dict[int, int] = {}
@@ -54,9 +75,9 @@ class SweptItems(MonitoredItems):
         """Notifications that wait."""
         return len(self._queue)
 
-    def take(self) -> Entries:
-        """The notifications that wait; then they wait no more."""
-        return self._sweep.take(self._number, _ALL)
+    def take(self, most: int) -> Entries:
+        """The first notifications that wait; then they wait no more."""
+        return self.sweep.take(self._number, most)
 
     async def create_monitored_items(self, params: Any) -> list[Any]:
         """CreateMonitoredItems; each new item reports at once."""
@@ -86,7 +107,7 @@ class SweptItems(MonitoredItems):
     def delete_all_monitored_items(self) -> None:
         """The subscription is gone."""
         super().delete_all_monitored_items()
-        self._sweep.close(self._number)
+        self.sweep.close(self._number)
 
     async def _create_data_change_monitored_item(self, params: Any) -> Any:
         what, wanted = params.ItemToMonitor, params.RequestedParameters
@@ -102,7 +123,7 @@ class SweptItems(MonitoredItems):
         self._commit_monitored_item(result, item)
         terms, result.RevisedSamplingInterval = self._terms(item, wanted, index)
         active = item.mode != ua.MonitoringMode.Disabled
-        slot = self._slots[item.monitored_item_id] = self._sweep.add(index, self._number, terms, active=active)
+        slot = self._slots[item.monitored_item_id] = self.sweep.add(index, self._number, terms, active=active)
         self._look_at.append(slot)
         return result
 
@@ -122,7 +143,7 @@ class SweptItems(MonitoredItems):
         terms, result.RevisedSamplingInterval = self._terms(
             item, wanted, self._watch.index[item.read_value_id.NodeId]
         )
-        self._sweep.modify(slot, terms)
+        self.sweep.modify(slot, terms)
         return result
 
     async def _set_monitoring_mode(self, mode: Any, mid: int) -> Any:
@@ -130,7 +151,7 @@ class SweptItems(MonitoredItems):
         if slot is None:
             return await super()._set_monitoring_mode(mode, mid)
         self._monitored_items[mid].mode = mode
-        self._sweep.activate(slot, mode != ua.MonitoringMode.Disabled)
+        self.sweep.activate(slot, mode != ua.MonitoringMode.Disabled)
         self._look_at.append(slot)
         return ua.StatusCode()
 
@@ -139,7 +160,7 @@ class SweptItems(MonitoredItems):
         if slot is None:
             return super()._delete_monitored_items(mid)
         del self._monitored_items[mid]
-        self._sweep.remove(slot)
+        self.sweep.remove(slot)
         self._gone.append(slot)
         return ua.StatusCode()
 
@@ -167,7 +188,7 @@ class SweptItems(MonitoredItems):
 
     def _look(self) -> None:
         if self._look_at:
-            self._sweep.look(np.unique(np.array(self._look_at, np.intp)))
+            self.sweep.look(np.unique(np.array(self._look_at, np.intp)))
             self._look_at.clear()
 
 

@@ -1,7 +1,7 @@
 """Reads of the tags' values, answered out of the arrays."""
 
 import struct
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from asyncua import ua
@@ -22,6 +22,13 @@ _AFTER_HANDLE: Final = _EMPTY[len(_TYPE) + _STAMP_AND_HANDLE.size : -2 * _COUNT]
 _NO_DIAGNOSTICS: Final = _EMPTY[-_COUNT:]
 
 
+class Answer(NamedTuple):
+    """The handle of a request, and the plain body of its response."""
+
+    handle: int
+    body: bytes
+
+
 class Reads:
     """Answers Reads that ask for nothing but tags' values. `served` counts them; `slow` those that others answer.
 
@@ -35,7 +42,7 @@ class Reads:
         self.served = 0
         self.slow = 0
 
-    def answer(self, body: bytes, token: Any) -> bytes | None:
+    def answer(self, body: bytes, token: Any) -> Answer | None:
         """The response to this request of the session with this token; None when it is not one to answer here."""
         if not body.startswith(READ):
             return None
@@ -57,7 +64,7 @@ class Reads:
         )
         stamp_and_handle = _STAMP_AND_HANDLE.pack(ticks(self._clock.utc_ns()), handle)
         count = len(tags).to_bytes(_COUNT, "little")
-        return b"".join((_TYPE, stamp_and_handle, _AFTER_HANDLE, count, results, _NO_DIAGNOSTICS))
+        return Answer(handle, b"".join((_TYPE, stamp_and_handle, _AFTER_HANDLE, count, results, _NO_DIAGNOSTICS)))
 
     def _tags(self, nodes: bytes) -> tuple[Tags, NDArray[np.uint8]] | None:
         """Indices and classes of the tags that are asked for."""

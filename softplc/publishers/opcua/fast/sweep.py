@@ -67,9 +67,11 @@ class Sweep:
 
     An item reports when its tag's status changed since its last report, when the value did, by more than the dead
     band, and when the source timestamp did, each as its trigger says (OPC 10000-4, 7.22.2); NaN equals NaN.
+    `slow` counts messages with data changes that were not found here.
     """
 
     def __init__(self, values: TagValues, watch: Watch) -> None:
+        self.slow = 0
         self._values, self._watch = values, watch
         self._classes = classes_of(values.table)
         self._slots = _Slots()

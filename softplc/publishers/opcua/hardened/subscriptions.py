@@ -32,6 +32,7 @@ class Subscriptions(SubscriptionService):  # type: ignore[misc]  # asyncua is un
         params.RequestedLifetimeCount = max(params.RequestedLifetimeCount, 3 * keep_alive)
         result = await super().create_subscription(params, callback, session_id, request_callback)
         sub = self.subscriptions[result.SubscriptionId]
+        sub.most_notifications = params.MaxNotificationsPerPublish
         sub.monitored_item_srv = self.iserver.monitored_items(sub)
         return result
 
