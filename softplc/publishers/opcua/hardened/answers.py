@@ -20,10 +20,11 @@ class ClientLimits(TransportLimits):  # type: ignore[misc]  # asyncua is untyped
 
     def create_acknowledge_and_set_limits(self, msg: ua.Hello) -> Any:
         """Answer to Hello: what the server takes."""
-        own = self.max_message_size, self.max_chunk_count
+        limits: Any = self
+        own = limits.max_message_size, limits.max_chunk_count
         self.answer_bytes, self.answer_chunks = msg.MaxMessageSize, msg.MaxChunkCount
         acknowledge = super().create_acknowledge_and_set_limits(msg)
-        self.max_message_size, self.max_chunk_count = own
+        limits.max_message_size, limits.max_chunk_count = own
         acknowledge.MaxMessageSize, acknowledge.MaxChunkCount = own
         return acknowledge
 
