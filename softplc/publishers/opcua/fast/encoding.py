@@ -3,7 +3,7 @@
 A DataValue (OPC 10000-6, 5.2.2.17) is here: mask 1, type 1, the value 0 to 8, status 4, source timestamp 0 or 8,
 server timestamp 0 or 8 bytes; before it, in a notification, the client's handle 4. What belongs to a value's *class*,
 its type or that it is Bad and which timestamps are wanted, says which of these bytes there are. Values of one class
-are laid out as an array of records. Where classes differ, each value gets all 38 bytes, and those it has are kept.
+are laid out as an array of records. Where classes differ, each class's records are then put where they belong.
 """
 
 from typing import Any, Final
@@ -32,14 +32,6 @@ SOURCE, SERVER, BOTH, NEITHER = range(4)
 """TimestampsToReturn (OPC 10000-4, 7.40)."""
 _WITH_SOURCE: Final = (SOURCE, BOTH)
 _WITH_SERVER: Final = (SERVER, BOTH)
-
-_HANDLE: Final = 4
-_WIDE: Final = np.dtype(
-    {
-        "names": ["handle", "mask", "type", "value", "status", "source", "server"],
-        "formats": ["<u4", "u1", "u1", "<i8", "<u4", "<i8", "<i8"],
-    }
-)
 
 
 def ticks(ns: Any) -> Any:
@@ -78,44 +70,60 @@ def encode(
 ) -> bytes:
     """The DataValues, each after its handle where there are handles; timestamps are ns UTC.
 
-    A value is one that its class can hold, unless its status is Bad. `values` is contiguous.
+    A value is one that its class can hold, unless its status is Bad.
     """
     bad = (statuses & _BIT_BAD) != 0
     if bad.any():
         classes = np.where(bad, classes // _CLASSES * _CLASSES + _BAD, classes)
-    number = int(classes[0])
-    dtype = _WIDE if (classes != number).any() else _RECORDS[number]
-    out = np.empty(len(classes), dtype)
-    fields = dtype.names or ()
-    out["mask"], out["type"] = _MASKS[classes], _IDS[classes]
-    if "value" in fields:
-        out["value"] = values if number % _CLASSES == _DOUBLE and dtype is not _WIDE else _bits(classes, values)
-    out["status"] = statuses
-    if "source" in fields:
-        out["source"] = ticks(sources)
-    if "server" in fields:
-        out["server"] = ticks(server)
-    if handles is not None:
-        out["handle"] = handles
-    begin = 0 if handles is not None else _HANDLE
-    raw = out.view(np.uint8).reshape(len(out), -1)[:, begin:]
-    return raw.tobytes() if dtype is not _WIDE else raw[_KEPT[classes, begin:]].tobytes()
+    present = np.flatnonzero(np.bincount(classes)).tolist()
+    if len(present) == 1:
+        return _records(present[0], values, statuses, sources, server, handles).tobytes()
+    sizes = _SIZES[int(handles is not None)][classes]
+    offsets = np.cumsum(sizes)
+    total = int(offsets[-1])
+    offsets -= sizes
+    raw = np.empty(total, np.uint8)
+    for number in present:
+        which = np.flatnonzero(classes == number)
+        servers = server if isinstance(server, int) else server[which]
+        own = None if handles is None else handles[which]
+        found = _records(number, values[which], statuses[which], sources[which], servers, own)
+        # a record at every byte; only those are written that begin where one belongs
+        places = np.ndarray(total - found.itemsize + 1, found.dtype, raw, strides=(1,))
+        places[offsets[which]] = found
+    return raw.tobytes()
 
 
-def _bits(classes: NDArray[np.uint8], values: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Each value's bytes as an integer, the first ones in its lowest bits."""
-    kinds = classes % np.uint8(_CLASSES)
-    bits: NDArray[np.int64] = values.view(np.int64).copy()
-    whole = (kinds > _BOOLEAN) & (kinds != _BAD)
-    bits[whole] = values[whole].astype(np.int64)
-    booleans = kinds == _BOOLEAN
-    bits[booleans] = values[booleans] != 0
-    return bits
-
-
-def _record(number: int) -> np.dtype[Any]:
+def _records(
+    number: int,
+    values: NDArray[np.float64],
+    statuses: NDArray[np.uint32],
+    sources: NDArray[np.int64],
+    server: NDArray[np.int64] | int,
+    handles: NDArray[np.uint32] | None,
+) -> NDArray[Any]:
+    """The DataValues of one class."""
     stamps, kind = divmod(number, _CLASSES)
-    fields = [("handle", "<u4"), ("mask", "u1"), ("type", "u1")]
+    found = np.empty(len(values), (_PLAIN if handles is None else _WITH_HANDLE)[number])
+    if handles is not None:
+        found["handle"] = handles
+    found["mask"] = 0x03 | 0x04 * (stamps in _WITH_SOURCE) | 0x08 * (stamps in _WITH_SERVER)
+    found["type"] = _TYPES[kind][1] if kind != _BAD else 0
+    if kind == _BOOLEAN:
+        found["value"] = values != 0
+    elif kind != _BAD:
+        found["value"] = values
+    found["status"] = statuses
+    if stamps in _WITH_SOURCE:
+        found["source"] = ticks(sources)
+    if stamps in _WITH_SERVER:
+        found["server"] = ticks(server)
+    return found
+
+
+def _layout(number: int, *before: tuple[str, str]) -> np.dtype[Any]:
+    stamps, kind = divmod(number, _CLASSES)
+    fields = [*before, ("mask", "u1"), ("type", "u1")]
     if kind != _BAD:
         fields.append(("value", _TYPES[kind][2]))
     fields.append(("status", "<u4"))
@@ -123,21 +131,8 @@ def _record(number: int) -> np.dtype[Any]:
     return np.dtype(fields)
 
 
-def _kept(record: np.dtype[Any]) -> NDArray[np.bool_]:
-    """Which bytes of a wide record belong to this one."""
-    kept = np.zeros(_WIDE.itemsize, np.bool_)
-    wide: Any = _WIDE.fields
-    for name, field in (record.fields or {}).items():
-        begin = wide[name][1]
-        kept[begin : begin + field[0].itemsize] = True
-    return kept
-
-
-LARGEST: Final = _WIDE.itemsize
+_PLAIN: Final = [_layout(number) for number in range(4 * _CLASSES)]
+_WITH_HANDLE: Final = [_layout(number, ("handle", "<u4")) for number in range(4 * _CLASSES)]
+_SIZES: Final = np.array([[layout.itemsize for layout in layouts] for layouts in (_PLAIN, _WITH_HANDLE)])
+LARGEST: Final = max(layout.itemsize for layout in _WITH_HANDLE)
 """The most bytes that a value takes, handle included."""
-_RECORDS: Final = [_record(number) for number in range(4 * _CLASSES)]
-_KEPT: Final = np.array([_kept(record) for record in _RECORDS])
-_IDS: Final = np.array([*(number for _, number, _ in _TYPES), 0] * 4, np.uint8)
-_MASKS: Final = np.repeat(
-    np.array([0x03 | 0x04 * (s in _WITH_SOURCE) | 0x08 * (s in _WITH_SERVER) for s in range(4)], np.uint8), _CLASSES
-)
