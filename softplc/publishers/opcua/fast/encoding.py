@@ -75,15 +75,15 @@ def encode(
     bad = (statuses & _BIT_BAD) != 0
     if bad.any():
         classes = np.where(bad, classes // _CLASSES * _CLASSES + _BAD, classes)
-    present = np.flatnonzero(np.bincount(classes)).tolist()
-    if len(present) == 1:
-        return _records(present[0], values, statuses, sources, server, handles).tobytes()
+    first = int(classes[0])
+    if (classes == first).all():
+        return _records(first, values, statuses, sources, server, handles).tobytes()
     sizes = _SIZES[int(handles is not None)][classes]
     offsets = np.cumsum(sizes)
     total = int(offsets[-1])
     offsets -= sizes
     raw = np.empty(total, np.uint8)
-    for number in present:
+    for number in np.flatnonzero(np.bincount(classes)).tolist():
         which = np.flatnonzero(classes == number)
         servers = server if isinstance(server, int) else server[which]
         own = None if handles is None else handles[which]

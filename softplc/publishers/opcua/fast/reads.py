@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from softplc.clock import Clock
 from softplc.publishers.opcua.fast.encoding import classes_of, encode, ticks, with_timestamps
-from softplc.publishers.opcua.fast.requests import READ, Remembered, Tags, parse_head, parse_nodes
+from softplc.publishers.opcua.fast.requests import READ, Head, Remembered, Tags, parse_head, parse_nodes
 from softplc.publishers.opcua.values import TagValues
 
 _REMEMBERED_BYTES: Final = 4 << 20
@@ -47,31 +47,33 @@ class Reads:
         if not body.startswith(READ):
             return None
         head = parse_head(body, nodeid_to_binary(token))
-        found = None if head is None else self._tags(body[head[2] :])
+        found = None if head is None else self._tags(head, body)
         if head is None or found is None:
             self.slow += 1
             return None
         self.served += 1
-        handle, stamps, _ = head
         tags, classes = found
         values = self._values
         results = encode(
-            with_timestamps(classes, np.uint8(stamps)),
+            classes,
             values.values[tags],
             values.statuses[tags],
             values.source_timestamps[tags],
             values.server_timestamp,
         )
-        stamp_and_handle = _STAMP_AND_HANDLE.pack(ticks(self._clock.utc_ns()), handle)
+        stamp_and_handle = _STAMP_AND_HANDLE.pack(ticks(self._clock.utc_ns()), head.handle)
         count = len(tags).to_bytes(_COUNT, "little")
-        return Answer(handle, b"".join((_TYPE, stamp_and_handle, _AFTER_HANDLE, count, results, _NO_DIAGNOSTICS)))
+        return Answer(
+            head.handle, b"".join((_TYPE, stamp_and_handle, _AFTER_HANDLE, count, results, _NO_DIAGNOSTICS))
+        )
 
-    def _tags(self, nodes: bytes) -> tuple[Tags, NDArray[np.uint8]] | None:
+    def _tags(self, head: Head, body: bytes) -> tuple[Tags, NDArray[np.uint8]] | None:
         """Indices and classes of the tags that are asked for."""
-        found: tuple[Tags, NDArray[np.uint8]] | None = self._remembered.get(nodes)
+        what = body[head.what :]
+        found: tuple[Tags, NDArray[np.uint8]] | None = self._remembered.get(what)
         if found is None:
-            tags = parse_nodes(nodes, self._values.table, self._most)
+            tags = parse_nodes(body[head.nodes :], self._values.table, self._most)
             if tags is not None:
-                found = tags, self._classes[tags]
-                self._remembered.put(nodes, found)
+                found = tags, with_timestamps(self._classes[tags], np.uint8(head.stamps))
+                self._remembered.put(what, found)
         return found

@@ -2,7 +2,7 @@
 
 import struct
 from collections import OrderedDict
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from asyncua import ua
@@ -17,6 +17,7 @@ _HEAD: Final = struct.Struct("<8xI4xi4x3s")
 """Timestamp, handle, diagnostics wanted, audit entry, timeout, additional header (OPC 10000-4, 7.33)."""
 _WHAT: Final = struct.Struct("<dI")
 """MaxAge and TimestampsToReturn."""
+_STAMPS: Final = 4
 _NO_TEXTS: Final = (-1, 0)
 _COUNT: Final = 4
 _STRING_ID: Final = b"\x03" + NAMESPACE.to_bytes(2, "little")
@@ -29,8 +30,17 @@ _TAIL: Final = 14  # attribute, no index range, no data encoding
 Tags = NDArray[np.intp]
 
 
-def parse_head(body: bytes, token: bytes) -> tuple[int, int, int] | None:
-    """Request handle, TimestampsToReturn and where the nodes begin, of a Read in the session with this token."""
+class Head(NamedTuple):
+    """Request handle, TimestampsToReturn, and where what is asked for begins: with TimestampsToReturn, the nodes."""
+
+    handle: int
+    stamps: int
+    what: int
+    nodes: int
+
+
+def parse_head(body: bytes, token: bytes) -> Head | None:
+    """The head of a Read in the session with this token."""
     at = len(READ) + len(token)
     if not body.startswith(READ + token) or len(body) < at + _HEAD.size + _WHAT.size:
         return None
@@ -38,7 +48,8 @@ def parse_head(body: bytes, token: bytes) -> tuple[int, int, int] | None:
     max_age, stamps = _WHAT.unpack_from(body, at + _HEAD.size)
     if audit not in _NO_TEXTS or additional != b"\0\0\0" or not max_age >= 0.0 or stamps > 3:
         return None
-    return handle, stamps, at + _HEAD.size + _WHAT.size
+    nodes = at + _HEAD.size + _WHAT.size
+    return Head(handle, stamps, nodes - _STAMPS, nodes)
 
 
 def parse_nodes(nodes: bytes, table: TagTable, most: int) -> Tags | None:
