@@ -54,7 +54,7 @@ class Served:
 
 @contextlib.asynccontextmanager
 async def serve(
-    limits: Limits | None = None, *, scanned: bool = True, port: int | None = None
+    limits: Limits | None = None, *, scanned: bool = True, port: int | None = None, fast: bool = True
 ) -> AsyncIterator[Served]:
     """A server on this or a free port over a hand-made exchange."""
     clock = VirtualClock()
@@ -62,7 +62,7 @@ async def serve(
     if scanned:
         exchange.publish()
     port = port or free_port()
-    server = OpcUaServer(OpcUaPublisher(type="opcua", port=port, users=USERS), exchange.reader, limits)
+    server = OpcUaServer(OpcUaPublisher(type="opcua", port=port, users=USERS), exchange.reader, limits, fast=fast)
     url = await server.open()
     try:
         yield Served(exchange, clock, server, url, port)

@@ -30,7 +30,7 @@ async def test_after_close_the_port_is_free_and_no_task_remains() -> None:
         async with served.client() as client:
             subscription = await client.create_subscription(10, None)
             await subscription.subscribe_data_change(client.get_node("ns=2;s=AxisX.Position"))
-            await eventually(lambda: bool(served.server._watch._watched.any()))
+            await eventually(lambda: bool(served.server._sweep))
         await abandon(served)
         assert await client_count(served) == 1
         port = served.port

@@ -19,8 +19,9 @@ POSITION = "ns=2;s=AxisX.Position"
 
 
 async def read(client: Client, names: list[str]) -> list[ua.DataValue]:
-    """Value attributes, whatever their status."""
-    return await client.uaclient.read_attributes([ua.NodeId(name, 2) for name in names], ua.AttributeIds.Value)
+    """Value attributes with both timestamps, whatever their status."""
+    nodes = [ua.ReadValueId(ua.NodeId(name, 2), ua.AttributeIds.Value) for name in names]
+    return await client.uaclient.read(ua.ReadParameters(0.0, ua.TimestampsToReturn.Both, nodes))
 
 
 async def test_every_tag_reads_as_the_snapshot_says(served: Served, client: Client) -> None:

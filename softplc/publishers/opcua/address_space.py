@@ -88,6 +88,7 @@ class Nodes:
         self._interval_ms = interval_ms
         self._index: dict[Any, int] = {}
         self._constants: dict[tuple[Any, ...], AttributeValue] = {}
+        self._alike: dict[tuple[Any, ...], dict[Any, AttributeValue]] = {}
         self._type_references: dict[Any, Any] = {}
         self._back_references: dict[Any, Any] = {}
 
@@ -169,8 +170,9 @@ class Nodes:
         )
 
     def _object(self, parent: NodeData, reference: Any, path: str, name: str, type_id: int) -> NodeData:
-        attributes = {ua.AttributeIds.EventNotifier: self._constant(0, ua.VariantType.Byte)}
-        return self._node(parent, reference, path, _name(name, NAMESPACE), ua.NodeClass.Object, type_id, attributes)
+        own, kind = _name(name, NAMESPACE), ua.NodeClass.Object
+        attributes = self._common(own, kind) | {ua.AttributeIds.EventNotifier: self._constant(0, ua.VariantType.Byte)}
+        return self._node(parent, reference, path, own, kind, type_id, attributes)
 
     def _variable(
         self,
@@ -184,19 +186,36 @@ class Nodes:
         access: int,
         description: str = "",
     ) -> NodeData:
-        ids, types, constant = ua.AttributeIds, ua.VariantType, self._constant
         is_array = value.value is not None and value.value.Value.is_array
-        attributes = {
-            ids.Value: value,
-            ids.DataType: constant(data_type, types.NodeId),
-            ids.ValueRank: constant(ua.ValueRank.OneDimension if is_array else ua.ValueRank.Scalar, types.Int32),
-            ids.AccessLevel: constant(access, types.Byte),
-            ids.UserAccessLevel: constant(_READ, types.Byte),
-            ids.MinimumSamplingInterval: constant(self._interval_ms, types.Double),
-            ids.Description: self._text(description),
-            ids.Historizing: constant(False, types.Boolean),
+        kind = (name.Name, name.NamespaceIndex, data_type.Identifier, access, description, is_array)
+        alike = self._alike.get(kind)
+        if alike is None:
+            ids, types, constant = ua.AttributeIds, ua.VariantType, self._constant
+            alike = self._alike[kind] = self._common(name, ua.NodeClass.Variable) | {
+                ids.Value: value,
+                ids.DataType: constant(data_type, types.NodeId),
+                ids.ValueRank: constant(ua.ValueRank.OneDimension if is_array else ua.ValueRank.Scalar, types.Int32),
+                ids.AccessLevel: constant(access, types.Byte),
+                ids.UserAccessLevel: constant(_READ, types.Byte),
+                ids.MinimumSamplingInterval: constant(self._interval_ms, types.Double),
+                ids.Description: self._text(description),
+                ids.Historizing: constant(False, types.Boolean),
+            }
+        node = self._node(parent, reference, path, name, ua.NodeClass.Variable, type_id, alike)
+        node.attributes[ua.AttributeIds.Value] = value
+        return node
+
+    def _common(self, name: Any, node_class: Any) -> dict[Any, AttributeValue]:
+        """Attributes of every node of this name and class, in the order of their ids; the node's own comes later."""
+        ids, types = ua.AttributeIds, ua.VariantType
+        return {
+            ids.NodeId: self._constant(node_class, types.Int32),
+            ids.NodeClass: self._constant(node_class, types.Int32),
+            ids.BrowseName: self._constant(name, types.QualifiedName, name.NamespaceIndex, name.Name),
+            ids.DisplayName: self._text(name.Name),
+            ids.WriteMask: self._constant(0, types.UInt32),
+            ids.UserWriteMask: self._constant(0, types.UInt32),
         }
-        return self._node(parent, reference, path, name, ua.NodeClass.Variable, type_id, attributes)
 
     def _node(
         self,
@@ -206,25 +225,20 @@ class Nodes:
         name: Any,
         node_class: Any,
         type_id: int,
-        attributes: dict[Any, AttributeValue],
+        alike: dict[Any, AttributeValue],
     ) -> NodeData:
-        ids, types = ua.AttributeIds, ua.VariantType
+        """A node with these attributes, but for its own id."""
+        ids = ua.AttributeIds
         node = NodeData(node_id(path))
-        display = self._text(name.Name)
-        node.attributes = {
-            ids.NodeId: AttributeValue(ua.DataValue(ua.Variant(node.nodeid, types.NodeId, None, False))),
-            ids.NodeClass: self._constant(node_class, types.Int32),
-            ids.BrowseName: self._constant(name, types.QualifiedName, name.NamespaceIndex, name.Name),
-            ids.DisplayName: display,
-            ids.WriteMask: self._constant(0, types.UInt32),
-            ids.UserWriteMask: self._constant(0, types.UInt32),
-            **attributes,
-        }
-        type_definition = ua.NodeId(type_id)
+        node.attributes = alike.copy()
+        variant = ua.Variant(node.nodeid, ua.VariantType.NodeId, None, False)
+        node.attributes[ids.NodeId] = AttributeValue(ua.DataValue(variant))
+        display = alike[ids.DisplayName].value.Value.Value
+        type_definition = self._type_reference(type_id)
         forward = ua.ReferenceDescription(
-            reference, True, node.nodeid, name, display.value.Value.Value, node_class, type_definition
+            reference, True, node.nodeid, name, display, node_class, type_definition.NodeId
         )
-        node.references = [self._back_reference(parent, reference), self._type_reference(type_definition)]
+        node.references = [self._back_reference(parent, reference), type_definition]
         parent.references.append(forward)
         self._space[node.nodeid] = node
         return node
@@ -236,11 +250,11 @@ class Nodes:
             found = self._back_references[key] = self._describe(reference, parent, is_forward=False)
         return found
 
-    def _type_reference(self, type_definition: Any) -> Any:
-        found = self._type_references.get(type_definition)
+    def _type_reference(self, type_id: int) -> Any:
+        found = self._type_references.get(type_id)
         if found is None:
-            target = self._space[type_definition]
-            found = self._type_references[type_definition] = self._describe(_HAS_TYPE, target, is_forward=True)
+            target = self._space[ua.NodeId(type_id)]
+            found = self._type_references[type_id] = self._describe(_HAS_TYPE, target, is_forward=True)
         return found
 
     def _describe(self, reference: Any, target: NodeData, *, is_forward: bool) -> Any:

@@ -22,6 +22,9 @@ from softplc.exchange import Reader
 from softplc.publishers.opcua.access import Access, AllServices, Users
 from softplc.publishers.opcua.address_space import APPLICATION_URI, NAMESPACE, NAMESPACE_URI, Nodes
 from softplc.publishers.opcua.config import OpcUaPublisher
+from softplc.publishers.opcua.fast.reads import Reads
+from softplc.publishers.opcua.fast.seam import proven
+from softplc.publishers.opcua.fast.sweep import Sweep
 from softplc.publishers.opcua.hardened.channel import Listener
 from softplc.publishers.opcua.hardened.decoding import bound_arrays
 from softplc.publishers.opcua.hardened.limits import Limits
@@ -47,9 +50,15 @@ log = structlog.get_logger(__name__)
 
 
 class OpcUaServer:
-    """Publisher of every tag over OPC-UA; read-only but for configured users and writable tags."""
+    """Publisher of every tag over OPC-UA; read-only but for configured users and writable tags.
 
-    def __init__(self, config: OpcUaPublisher, reader: Reader, limits: Limits | None = None) -> None:
+    Without `fast` every value is coded by itself, as it is with an asyncua that the fast path was not proven on.
+    """
+
+    def __init__(
+        self, config: OpcUaPublisher, reader: Reader, limits: Limits | None = None, *, fast: bool = True
+    ) -> None:
+        self._fast = fast
         self._config, self._reader = config, reader
         self._limits = limits or Limits()
         self._server: Any = None  # asyncua's, once it is built
@@ -57,6 +66,7 @@ class OpcUaServer:
         self._listener: Listener | None = None
         self._values = TagValues(reader.table, reader.clock.utc_ns())
         self._watch = Watch([], 0.0)
+        self._sweep: Sweep | None = None
         self._attributes: list[Any] = []
         self._second = 0
         self._service_level = -1
@@ -93,7 +103,10 @@ class OpcUaServer:
         changes = self._values.take(snapshot, now)
         if changes is not None and self._config.interval_ms is None:
             self._watch.interval = min((scan.period for scan in snapshot.scans if scan), default=self._watch.interval)
-        for number, index in enumerate(self._watch.due(changes, clock.monotonic()), start=1):
+        due = self._watch.due(changes, clock.monotonic())
+        if self._sweep is not None and (changes is not None or self._sweep.sampled):
+            self._sweep.look()
+        for number, index in enumerate(due, start=1):
             await _notify(self._attributes[index], self._values.data_value(index))
             if not number % _ITEMS_PER_TURN:
                 await asyncio.sleep(0)
@@ -101,6 +114,13 @@ class OpcUaServer:
             self._second = now // 1_000_000_000
             await self._tell_time(now)
         await self._tell_service_level(now)
+
+    @property
+    def slow(self) -> tuple[int, int]:
+        """How many Reads, and messages with data changes, were coded value by value instead of in arrays."""
+        if self._sweep is None or self._server is None:
+            return 0, 0
+        return self._server.iserver.reads.slow, self._sweep.slow
 
     async def close(self) -> None:
         """Stop listening and drop the clients."""
@@ -133,6 +153,9 @@ class OpcUaServer:
             ids = Nodes(inner.aspace, self._values, interval_ms).build(self._reader.table)
         self._watch = inner.watch = Watch(ids, interval_ms / 1000.0)
         self._attributes = [inner.aspace[node_id].attributes[ua.AttributeIds.Value] for node_id in ids]
+        if self._fast and proven():
+            inner.reads = Reads(self._values, self._reader.clock, self._limits.operations)
+            inner.sweep = self._sweep = Sweep(self._values, self._watch)
         inner.access = Access(self._reader, self._values, inner.watch.index)
         await self._describe_server(server)
         await server._setup_server_nodes()

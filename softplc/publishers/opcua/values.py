@@ -5,6 +5,7 @@ A tag that nobody reads or monitors costs a few nanoseconds per publish, whateve
 
 import heapq
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
@@ -41,8 +42,19 @@ def utc(ns: int) -> datetime:
     return _EPOCH + timedelta(microseconds=ns // 1000)
 
 
+def stamped(value: Any, wanted: Any) -> Any:
+    """The DataValue with those of its timestamps that this TimestampsToReturn asks for."""
+    source = wanted in (ua.TimestampsToReturn.Source, ua.TimestampsToReturn.Both)
+    server = wanted in (ua.TimestampsToReturn.Server, ua.TimestampsToReturn.Both)
+    return replace(
+        value,
+        SourceTimestamp=value.SourceTimestamp if source else None,
+        ServerTimestamp=value.ServerTimestamp if server else None,
+    )
+
+
 class TagValues:
-    """Every tag's value, status and source timestamp as the last `take` found them.
+    """Every tag's value, status and source timestamp as the last `take` found them; `server_timestamp` is its time.
 
     A Bad value is Null on the wire (OPC 10000-4, 7.11); a value that the tag's data type cannot hold is
     BadOutOfRange. A source timestamp of 0 becomes the time of the scan that wrote the tag, and before the first
@@ -57,6 +69,7 @@ class TagValues:
         self.statuses: NDArray[np.uint32] = np.full(n, StatusCode.BAD_WAITING_FOR_INITIAL_DATA, np.uint32)
         self.source_timestamps: NDArray[np.int64] = np.full(n, opened, np.int64)
         self._opened = opened
+        self.server_timestamp = opened
         self._taken_at = utc(opened)
         self._types = [(VARIANT_TYPES[tag.data_type], _PYTHON[tag.data_type]) for tag in table]
         self._typed = np.array([i for i, tag in enumerate(table) if tag.data_type in _LIMITS], np.intp)
@@ -71,6 +84,7 @@ class TagValues:
         Returns two masks over the tags: value or status changed, source timestamp changed. None when the
         snapshot is the one already served.
         """
+        self.server_timestamp = now
         self._taken_at = utc(now)
         if snapshot is self.snapshot:
             return None

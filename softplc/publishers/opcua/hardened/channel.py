@@ -11,8 +11,9 @@ from asyncua.common.utils import Buffer, ServiceError
 from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
 from asyncua.server.internal_session import SessionState
 from asyncua.server.uaprocessor import UaProcessor
-from asyncua.ua.ua_binary import header_from_binary, struct_from_binary, uatcp_to_binary
+from asyncua.ua.ua_binary import header_from_binary, struct_from_binary, struct_to_binary, uatcp_to_binary
 
+from softplc.publishers.opcua.hardened.answers import ClientLimits
 from softplc.publishers.opcua.hardened.limits import Limits
 
 _HEADER: Final = struct.Struct("<3scI")
@@ -59,7 +60,8 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
 
     asyncua: services of administration for everyone, RegisterServer even without a session; messages before a
     channel is open; any number of CreateSession on one connection; requests of one session with another's token;
-    a session that could not be activated stays with the connection; answers pile up for who does not read.
+    a session that could not be activated stays with the connection; answers pile up for who does not read, and are of
+    any size.
     """
 
     def __init__(self, server: Any, transport: Any, transport_limits: TransportLimits, limits: Limits) -> None:
@@ -67,12 +69,41 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
         self.session: Any = None
         self._own_limits = limits
 
-    def send_response(self, *args: Any, **options: Any) -> None:
+    def send_response(
+        self, requesthandle: int, seqhdr: Any, response: Any, msgtype: Any = ua.MessageType.SecureMessage
+    ) -> None:
         """Answer, unless the client left too much unread: then the connection ends."""
+        response.ResponseHeader.RequestHandle = requesthandle
+        self._send(requesthandle, seqhdr, struct_to_binary(response), msgtype)
+
+    def room(self) -> int:
+        """The most bytes that the client takes as one answer."""
+        return int(self._limits.room(self._connection.security_policy.symmetric_cryptography))
+
+    async def process_message(self, seqhdr: Any, body: Any) -> Any:
+        """Serve a request; one that only reads tags is answered out of the arrays."""
+        session, reads = self.session, self.iserver.reads
+        if reads is not None and session is not None and session.is_activated() and self._connection.is_open():
+            found = reads.answer(bytes(body), session.auth_token)
+            if found is not None:
+                session.touch()
+                self.session_last_activity = session._last_activity
+                self._send(found.handle, seqhdr, found.body)
+                return True
+        return await super().process_message(seqhdr, body)
+
+    def _send(self, handle: int, seqhdr: Any, body: bytes, kind: Any = ua.MessageType.SecureMessage) -> None:
         if self._transport.get_write_buffer_size() > self._own_limits.unread_bytes:
             self._transport.abort()
             return
-        super().send_response(*args, **options)
+        if len(body) > self.room():
+            fault = ua.ServiceFault()
+            fault.ResponseHeader.RequestHandle = handle
+            fault.ResponseHeader.ServiceResult = ua.StatusCode(ua.StatusCodes.BadResponseTooLarge)
+            body = struct_to_binary(fault)
+        self._transport.write(
+            self._connection.message_to_binary(body, message_type=kind, request_id=seqhdr.RequestId)
+        )
 
     async def close(self) -> None:
         """The connection is gone; its session may live on for a while, for a client that comes back."""
@@ -214,7 +245,7 @@ class Listener(BinaryServer):  # type: ignore[misc]  # asyncua is untyped here
 
     def __init__(self, server: Any, host: str, port: int, limits: Limits) -> None:
         chunks = -(-limits.message_bytes // limits.chunk_bytes)
-        transport = TransportLimits(limits.chunk_bytes, limits.chunk_bytes, chunks, limits.message_bytes)
+        transport = ClientLimits(limits.chunk_bytes, limits.chunk_bytes, chunks, limits.message_bytes)
         super().__init__(server, host, port, transport)
         self._own_limits = limits
 

@@ -15,10 +15,13 @@ from asyncua.server.internal_session import InternalSession
 from asyncua.server.user_managers import UserManager
 
 from softplc.publishers.opcua.access import Access
+from softplc.publishers.opcua.fast.items import SweptItems
+from softplc.publishers.opcua.fast.reads import Reads
+from softplc.publishers.opcua.fast.sweep import Sweep
 from softplc.publishers.opcua.hardened.limits import Limits
-from softplc.publishers.opcua.hardened.subscriptions import Subscriptions
+from softplc.publishers.opcua.hardened.subscriptions import MonitoredItems, Subscriptions
 from softplc.publishers.opcua.hardened.view import Browser, ReferenceTypes
-from softplc.publishers.opcua.values import Watch
+from softplc.publishers.opcua.values import Watch, stamped
 
 log = structlog.get_logger(__name__)
 
@@ -62,14 +65,15 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
         return result
 
     async def read(self, params: Any) -> list[Any]:
-        """Read; UserAccessLevel is the session's own."""
+        """Read; UserAccessLevel is the session's own, timestamps are those asked for (asyncua: always both)."""
         self.iserver.limits.check_operations(params.NodesToRead)
-        results = self.iserver.attribute_service.read(params)
+        wanted = params.TimestampsToReturn
+        results = [stamped(value, wanted) for value in self.iserver.attribute_service.read(params)]
         for number, item in enumerate(params.NodesToRead):
             if item.AttributeId == ua.AttributeIds.UserAccessLevel and self._may_write(item.NodeId):
                 variant = ua.Variant(_READ_WRITE, ua.VariantType.Byte)
                 results[number] = dataclasses.replace(results[number], Value=variant)
-        return list(results)
+        return results
 
     async def write(self, params: Any) -> list[Any]:
         """Write: never to a node, always through the rules of `access`."""
@@ -208,6 +212,8 @@ class ClosedServer(InternalServer):  # type: ignore[misc]  # asyncua is untyped 
 
     access: Access
     watch: Watch
+    reads: Reads | None = None  # None: every Read takes the ordinary way
+    sweep: Sweep | None = None  # None: so does every monitored item
 
     def __init__(self, users: UserManager, limits: Limits) -> None:
         super().__init__(user_manager=users)
@@ -228,6 +234,12 @@ class ClosedServer(InternalServer):  # type: ignore[misc]  # asyncua is untyped 
     def create_session(self, name: Any, user: Any = _ANONYMOUS, external: bool = True) -> Session:
         """A session for a connection; `make_room` was asked before."""
         return Session(self, name, user)
+
+    def monitored_items(self, sub: Any) -> MonitoredItems:
+        """The monitored items of a new subscription."""
+        if self.sweep is None:
+            return MonitoredItems(sub, self.aspace, self.watch)
+        return SweptItems(sub, self.aspace, self.watch, self.sweep)
 
     async def make_room(self, address: str) -> None:
         """Room for one more session from this address; one whose connection was lost gives way.

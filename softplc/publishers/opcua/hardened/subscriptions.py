@@ -32,7 +32,8 @@ class Subscriptions(SubscriptionService):  # type: ignore[misc]  # asyncua is un
         params.RequestedLifetimeCount = max(params.RequestedLifetimeCount, 3 * keep_alive)
         result = await super().create_subscription(params, callback, session_id, request_callback)
         sub = self.subscriptions[result.SubscriptionId]
-        sub.monitored_item_srv = MonitoredItems(sub, self.aspace, self.iserver.watch)
+        sub.most_notifications = params.MaxNotificationsPerPublish
+        sub.monitored_item_srv = self.iserver.monitored_items(sub)
         return result
 
     def republish(self, params: Any) -> Any:
@@ -46,7 +47,7 @@ class Subscriptions(SubscriptionService):  # type: ignore[misc]  # asyncua is un
         return kept.NotificationMessage
 
 
-class _Sampling:
+class Sampling:
     """When a monitored item looks at its tag: at `due` or later, then `interval` on (monotonic seconds)."""
 
     __slots__ = ("due", "index", "interval", "postponed")
@@ -69,7 +70,7 @@ class MonitoredItems(MonitoredItemService):  # type: ignore[misc]  # asyncua is 
         # asyncua names a logger after every subscription, and logging keeps each for ever
         logging.Logger.manager.loggerDict.pop(self.logger.name, None)
         self._watch = watch
-        self._sampling: dict[int, _Sampling] = {}
+        self._sampling: dict[int, Sampling] = {}
 
     def __len__(self) -> int:
         return len(self._monitored_items)
@@ -89,7 +90,7 @@ class MonitoredItems(MonitoredItemService):  # type: ignore[misc]  # asyncua is 
         notification = ua.MonitoredItemNotification(item.client_handle, value)
         await self.isub.enqueue_datachange_event(mid, notification, item.queue_size)
 
-    def _samples_now(self, sampling: _Sampling) -> bool:
+    def _samples_now(self, sampling: Sampling) -> bool:
         watch = self._watch
         if watch.now + watch.interval / 2 < sampling.due:  # half a publish early is nearer than half late
             if not sampling.postponed:
@@ -101,7 +102,7 @@ class MonitoredItems(MonitoredItemService):  # type: ignore[misc]  # asyncua is 
         return True
 
     async def _create_data_change_monitored_item(self, params: Any) -> Any:
-        params.RequestedParameters.Filter = _present(params.RequestedParameters.Filter)
+        params.RequestedParameters.Filter = present(params.RequestedParameters.Filter)
         status = self._filter_status(params.RequestedParameters.Filter, params.ItemToMonitor.NodeId)
         if status:
             return ua.MonitoredItemCreateResult(ua.StatusCode(status))
@@ -110,8 +111,8 @@ class MonitoredItems(MonitoredItemService):  # type: ignore[misc]  # asyncua is 
         index = self._watch.index.get(params.ItemToMonitor.NodeId)
         if item is None or index is None or params.ItemToMonitor.AttributeId != ua.AttributeIds.Value:
             return result
-        self._watch.add(index, stamped=_wants_stamps(item.filter))
-        self._sampling[result.MonitoredItemId] = sampling = _Sampling(index, 0.0)
+        self._watch.add(index, stamped=wants_stamps(item.filter))
+        self._sampling[result.MonitoredItemId] = sampling = Sampling(index, 0.0)
         result.RevisedSamplingInterval = self._revise_sampling(sampling, params.RequestedParameters.SamplingInterval)
         sampling.due = self._watch.now + sampling.interval
         return result
@@ -126,7 +127,7 @@ class MonitoredItems(MonitoredItemService):  # type: ignore[misc]  # asyncua is 
         if item is None:
             return ua.MonitoredItemModifyResult(ua.StatusCode(ua.StatusCodes.BadMonitoredItemIdInvalid))
         wanted = params.RequestedParameters
-        wanted.Filter = _present(wanted.Filter)
+        wanted.Filter = present(wanted.Filter)
         if item.callback_handle is not None:
             status = self._filter_status(wanted.Filter, item.read_value_id.NodeId)
             if status:
@@ -140,7 +141,7 @@ class MonitoredItems(MonitoredItemService):  # type: ignore[misc]  # asyncua is 
         if sampling is not None:
             result.RevisedSamplingInterval = self._revise_sampling(sampling, wanted.SamplingInterval)
             sampling.due = min(sampling.due, self._watch.now + sampling.interval)
-            if _wants_stamps(item.filter):
+            if wants_stamps(item.filter):
                 self._watch.want_stamps(sampling.index)
         return result
 
@@ -159,7 +160,7 @@ class MonitoredItems(MonitoredItemService):  # type: ignore[misc]  # asyncua is 
     def _revise_queue_size(self, requested: int) -> int:
         return int(min(max(requested, 1), self.isub.max_queue_size))
 
-    def _revise_sampling(self, sampling: _Sampling, requested: float) -> float:
+    def _revise_sampling(self, sampling: Sampling, requested: float) -> float:
         """Set the interval to what was asked, ms, and return what it became; negative means as published."""
         if requested < 0:
             requested = self.isub.data.RevisedPublishingInterval
@@ -219,10 +220,11 @@ def reportable(flt: Any, reported: Any, new: Any, span: Any) -> bool:
     return not abs(new_value - old_value) <= band  # NaN is reported
 
 
-def _present(flt: Any) -> Any:
+def present(flt: Any) -> Any:
     """The filter; None for the empty ExtensionObject that says there is none."""
     return None if isinstance(flt, ua.ExtensionObject) and flt.TypeId.is_null() else flt
 
 
-def _wants_stamps(flt: Any) -> bool:
+def wants_stamps(flt: Any) -> bool:
+    """The filter's trigger names the source timestamp."""
     return flt is not None and flt.Trigger == ua.DataChangeTrigger.StatusValueTimestamp
