@@ -6,6 +6,7 @@
   python3 dev.py lint           ruff, mypy and the import contracts
   python3 dev.py bench [NAME]   one benchmark of bench/, or their names
   python3 dev.py chaos [...]    every fault of a source that we know, and what came of it, as a table
+  python3 dev.py fuzz opcua     malformed messages by the thousand against a server of ours; or: fuzz modbus
   python3 dev.py softplc [...]  any other softplc command, as in: dev.py softplc check my.yaml
 
 The first use makes .venv beside this file: uv and all the rest from requirements.lock, pinned by hash;
@@ -33,7 +34,7 @@ LOCK = ROOT / "requirements.lock"
 STAMP = VENV / "made-from"
 LINTERS = ("ruff check", "ruff format --check", "mypy", "lint-imports")
 COMMANDS = {"demo": "softplc demo", "test": "pytest", "lint": "", "bench": "python", "chaos": "python -m tests.chaos"}
-COMMANDS["softplc"] = "softplc"
+COMMANDS["softplc"], COMMANDS["fuzz"] = "softplc", "python -m tests.fuzz"
 
 
 def say(text: str) -> None:

@@ -16,7 +16,7 @@ def test_help_names_every_command_and_makes_no_environment(clone: Path):
     done = call(clone, "--help")
 
     assert done.returncode == 0
-    for command in ("demo", "test", "lint", "bench", "chaos", "softplc"):
+    for command in ("demo", "test", "lint", "bench", "chaos", "fuzz", "softplc"):
         assert f"python3 dev.py {command}" in done.stdout
     assert not (clone / ".venv").exists()
 

@@ -22,7 +22,7 @@ from softplc.publishers.opcua.access import Access, AllServices, Users
 from softplc.publishers.opcua.address_space import APPLICATION_URI, NAMESPACE, NAMESPACE_URI, Nodes
 from softplc.publishers.opcua.config import OpcUaPublisher
 from softplc.publishers.opcua.hardened.channel import Listener
-from softplc.publishers.opcua.hardened.decoding import bound_arrays
+from softplc.publishers.opcua.hardened.decoding import guard_decoding
 from softplc.publishers.opcua.hardened.limits import Limits
 from softplc.publishers.opcua.hardened.session import ClosedServer
 from softplc.publishers.opcua.values import TagValues, Watch, utc
@@ -61,7 +61,7 @@ class OpcUaServer:
     async def open(self) -> str:
         """Build the address space and listen. Raises SoftplcError when the address is not to be had."""
         logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)  # it logs every client's every mistake
-        bound_arrays()
+        guard_decoding()
         host, port = self._config.host, self._config.port
         inner = ClosedServer(Users(self._config.users), self._limits)
         self._listener = Listener(inner, host, port, self._limits)

@@ -11,9 +11,11 @@ from asyncua.common.utils import Buffer, ServiceError
 from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
 from asyncua.server.internal_session import SessionState
 from asyncua.server.uaprocessor import UaProcessor
-from asyncua.ua.ua_binary import header_from_binary, struct_from_binary, uatcp_to_binary
+from asyncua.ua.ua_binary import header_from_binary, uatcp_to_binary
 
+from softplc.publishers.opcua.hardened.decoding import decoded
 from softplc.publishers.opcua.hardened.limits import Limits
+from softplc.publishers.opcua.hardened.places import Stage, give_way
 
 _HEADER: Final = struct.Struct("<3scI")
 _CHANNEL_HEADER: Final = 12  # bytes of the header with the channel id
@@ -93,6 +95,8 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
         elif typeid not in _WITHOUT_SESSION:
             if before is None and typeid not in _ACTIVATE_SESSION:
                 raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
+            if typeid in _ACTIVATE_SESSION:
+                await self._make_room_for(requesthdr.AuthenticationToken)
             if before is not None and requesthdr.AuthenticationToken != before.auth_token:
                 raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
         try:
@@ -113,11 +117,14 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
             raise ServiceError(ua.StatusCodes.BadSessionNotActivated)
         self.session.touch()
         response = ua.BrowseNextResponse()
-        response.Parameters.Results = await self.session.browse_next(
-            struct_from_binary(ua.BrowseNextParameters, body)
-        )
+        response.Parameters.Results = await self.session.browse_next(decoded(ua.BrowseNextParameters, body))
         self.send_response(requesthdr.RequestHandle, seqhdr, response)
         return True
+
+    async def _make_room_for(self, token: Any) -> None:
+        session = self.iserver.lookup_external_session(token)
+        if session is not None:
+            await self.iserver.make_room_for(session)
 
     def _adopt(self, session: Any) -> None:
         """A session that was activated here is no longer that of the connection it came from."""
@@ -147,12 +154,17 @@ class Protocol(OPCUAProtocol):  # type: ignore[misc]  # asyncua is untyped here
         self._own_limits = own_limits
         self._received = bytearray()
         self._paused = False
+        self._talking = False
+        self.address = ""
+        self.made = asyncio.get_running_loop().time()
 
     def connection_made(self, transport: Any) -> None:
-        """Accept the connection unless its address has too many."""
-        address = _address(transport)
-        same = sum(_address(client.transport) == address for client in self.clients)
-        if same >= self._own_limits.connections_per_address:
+        """Accept the connection if there is a place for it, or one that makes its place."""
+        self.address = _address(transport)
+        room, weakest = give_way(self.clients, self.address, self._own_limits, self.made)
+        if weakest is not None:
+            weakest.transport.abort()
+        if not room:
             transport.abort()
             return
         super().connection_made(transport)
@@ -160,16 +172,27 @@ class Protocol(OPCUAProtocol):  # type: ignore[misc]  # asyncua is untyped here
             self.processor = Processor(self.iserver, self.transport, self.limits, self._own_limits)
             self.processor.set_policies(self.policies)
 
+    def stage(self) -> Stage:
+        """How far the client has come."""
+        if self.processor.session is not None:
+            return Stage.ACTIVE if self.processor.session.is_activated() else Stage.SESSION
+        if self.processor._connection.is_open():
+            return Stage.CHANNEL
+        return Stage.TALKING if self._talking else Stage.SILENT
+
     def connection_lost(self, ex: BaseException | None) -> None:
         """Tell the server that waits for this in `stop`."""
         super().connection_lost(ex)
         if not self.closed.done():
             self.closed.set_result(None)
+            if self.processor is not None:  # asyncua keeps what is closed for up to 10 s
+                self.closing_tasks[-1].add_done_callback(self._forget)
 
     def data_received(self, data: bytes) -> None:
         """Cut frames out of the stream and queue them; the size is checked before anything is kept."""
         if self.transport is None or self.transport.is_closing():
             return
+        self._talking = True
         received = self._received
         received += data
         while len(received) >= _HEADER.size:
@@ -196,6 +219,10 @@ class Protocol(OPCUAProtocol):  # type: ignore[misc]  # asyncua is untyped here
             self._paused = False
             self.transport.resume_reading()
         return bool(going_on)
+
+    def _forget(self, task: asyncio.Task[Any]) -> None:
+        if task in self.closing_tasks:
+            self.closing_tasks.remove(task)
 
     def _end(self, code: int) -> None:
         self._received.clear()

@@ -9,14 +9,22 @@ from asyncua.common.utils import ServiceError
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What clients may have open at once. The caps for one address leave room for somebody at another one."""
+    """What clients may have open at once. The caps for one address leave room for somebody at another one.
 
-    connections: int = 100
-    connections_per_address: int = 50
+    `sessions`, `subscriptions` and `items` are what clients that did not log in may have together; users have
+    `sessions_reserved` and a session's worth of subscriptions and items on top.
+    """
+
+    connections: int = 120
+    connections_per_address: int = 60
     sessions: int = 100
     sessions_per_address: int = 50
+    sessions_reserved: int = 10
     subscriptions: int = 500
+    subscriptions_per_address: int = 250
     subscriptions_per_session: int = 20
+    items: int = 100_000
+    items_per_address: int = 50_000
     items_per_session: int = 20_000
     queue_size: int = 100  # notifications kept for one monitored item
     unacknowledged: int = 100  # messages kept for Republish, per subscription
@@ -28,6 +36,7 @@ class Limits:
     unread_bytes: int = 8 << 20  # answers that a client leaves unread before it is dropped
     waiting_requests: int = 64  # requests of one connection after which it is not read any further
     activation_seconds: float = 10.0  # from connection to an activated session
+    grace_seconds: float = 0.2  # for which a new connection gives way to nobody
     min_publishing_ms: float = 10.0
     max_publishing_ms: float = 3_600_000.0
 

@@ -13,6 +13,10 @@ from softplc.publishers.opcua.values import Watch
 
 _SLOWEST_SAMPLING: Final = 3600.0  # seconds
 
+# asyncua names a logger after every subscription, below this one; unless this one is there, logging's place holder
+# for it keeps them all for ever.
+logging.getLogger(MonitoredItemService.__module__)
+
 
 class Subscriptions(SubscriptionService):  # type: ignore[misc]  # asyncua is untyped here
     """asyncua: a publishing interval of NaN never publishes and one of 0 publishes every change on its own; the
@@ -66,7 +70,6 @@ class MonitoredItems(MonitoredItemService):  # type: ignore[misc]  # asyncua is 
 
     def __init__(self, isub: Any, aspace: Any, watch: Watch) -> None:
         super().__init__(isub, aspace)
-        # asyncua names a logger after every subscription, and logging keeps each for ever
         logging.Logger.manager.loggerDict.pop(self.logger.name, None)
         self._watch = watch
         self._sampling: dict[int, _Sampling] = {}

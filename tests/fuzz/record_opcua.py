@@ -1,0 +1,183 @@
+"""Record what asyncua's and node-opcua's clients say to the server: python -m tests.fuzz.record_opcua
+
+Writes the corpus anew. Messages that differ in nothing but their request header are kept once.
+"""
+
+import asyncio
+import contextlib
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from asyncua import Client, ua
+
+from tests.fuzz.opcua_messages import CORPUS, SUBSCRIPTION, TOKEN, frames, parse
+from tests.publishers_opcua.conftest import PASSWORD, Served, node_client, serve
+
+POSITION = ua.NodeId("AxisX.Position", 2)
+ENABLE = ua.NodeId("AxisY.Enable", 2)
+
+
+class Tap:
+    """A proxy that keeps what clients send, connection by connection, and what must be made a placeholder."""
+
+    def __init__(self, served: Served) -> None:
+        self.streams: list[bytearray] = []
+        self.tokens: set[bytes] = set()
+        self.subscriptions: set[int] = set()
+        self._served = served
+        inner: Any = served.server._server.iserver
+        inner.subscription_service._sub_id_counter = 0x5EED5EED  # no other number of a message is that
+        self.url = ""
+
+    async def __aenter__(self) -> "Tap":
+        server = await asyncio.start_server(self._connected, "127.0.0.1", 0)
+        self.url = f"opc.tcp://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        self._server = server
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._server.close()
+
+    async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        server_reader, server_writer = await asyncio.open_connection("127.0.0.1", self._served.port)
+        self.streams.append(stream := bytearray())
+        await asyncio.gather(self._pump(reader, server_writer, stream), self._pump(server_reader, writer, bytearray()))
+
+    async def _pump(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, kept: bytearray) -> None:
+        while data := await reader.read(65536):
+            kept += data
+            writer.write(data)
+            self.look(self._served.server._server.iserver)
+        writer.close()
+
+    def look(self, inner: Any) -> None:
+        self.tokens |= {session.auth_token.Identifier for session in inner._external_sessions.values()}
+        self.subscriptions |= set(inner.subscription_service.subscriptions)
+
+    def save(self, name: str) -> None:
+        lines, seen = [], set()
+        for stream in self.streams:
+            for part in frames(bytes(stream)):
+                for token in self.tokens:
+                    part = part.replace(token, TOKEN)
+                for number in self.subscriptions:
+                    part = part.replace(number.to_bytes(4, "little"), SUBSCRIPTION)
+                message = parse(part)
+                key = (message.service, message.body[message.payload :])
+                if message.kind != b"CLO" and key not in seen:
+                    seen.add(key)
+                    lines.append(f"{message.service} {part.hex()}\n")
+        (CORPUS / f"{name}.txt").write_text("".join(lines))
+
+
+async def asyncua_talks(url: str) -> None:
+    """Every service that asyncua's client knows."""
+    engineer = Client(url, timeout=20)
+    engineer.set_user("engineer")
+    engineer.set_password(PASSWORD)
+    async with engineer as client:
+        await _reads(client)
+        await _subscribes(client)
+        service = client.uaclient
+        await service.find_servers(ua.FindServersParameters())
+        for request in (
+            ua.RegisterServerRequest(Server=ua.RegisteredServer(ServerUri="urn:x", DiscoveryUrls=["opc.tcp://x"])),
+            ua.AddNodesRequest(),
+            ua.DeleteNodesRequest(),
+            ua.HistoryUpdateRequest(),
+        ):
+            with contextlib.suppress(ua.UaError):
+                await service._send_request(request)
+    async with Client(url, timeout=20) as anonymous:
+        await anonymous.get_namespace_array()
+
+
+async def _reads(client: Client) -> None:
+    service = client.uaclient
+    node = client.get_node(POSITION)
+    await client.get_endpoints()
+    await node.read_data_value()
+    await node.read_attributes(list(ua.AttributeIds)[:20])
+    await client.get_node("ns=2;s=AxisX.Position.EURange").read_value()
+    await client.nodes.objects.get_children()
+    await client.nodes.objects.get_child(["2:softplc", "2:Axes", "2:AxisX"])
+    description = ua.BrowseDescription(ua.NodeId("AxisX", 2), ua.BrowseDirection.Forward, ua.NodeId(33), True, 0, 63)
+    (page,) = await service.browse(
+        ua.BrowseParameters(RequestedMaxReferencesPerNode=3, NodesToBrowse=[description])
+    )
+    await service.browse_next(ua.BrowseNextParameters(False, [page.ContinuationPoint]))
+    await service.register_nodes([POSITION])
+    await service.unregister_nodes([POSITION])
+    for value in (False, 1.5, "text", [1, 2, 3], ua.Range(0, 1), [ua.LocalizedText("x")], ua.Variant(1.5)):
+        with contextlib.suppress(ua.UaError):
+            await client.get_node(ENABLE).write_value(value)
+    with contextlib.suppress(ua.UaError):
+        await client.nodes.server.call_method(ua.NodeId(11492), 1)
+    with contextlib.suppress(ua.UaError):
+        await node.read_raw_history(numvalues=3)
+
+
+async def _subscribes(client: Client) -> None:
+    service = client.uaclient
+    subscription: Any = await client.create_subscription(20, Silent())
+    number = subscription.subscription_id
+    node = client.get_node(POSITION)
+    banded = ua.uaprotocol_auto.DataChangeFilter(ua.DataChangeTrigger.StatusValueTimestamp, ua.DeadbandType.Absolute, 1)
+    (item,) = await subscription.create_monitored_items(
+        [subscription._make_monitored_item_request(node, ua.AttributeIds.Value, banded, 10,
+                                                   ua.MonitoringMode.Reporting, 50.0)]
+    )  # fmt: skip
+    await subscription.subscribe_data_change([node, client.get_node(ENABLE)])
+    await subscription.subscribe_events(client.nodes.server)
+    await subscription.modify_monitored_item(item, 100.0, 5, mod_filter_val=2)
+    await subscription.set_monitoring_mode(ua.MonitoringMode.Sampling)
+    await subscription.set_publishing_mode(False)
+    await subscription.set_publishing_mode(True)
+    await service.modify_subscription(ua.ModifySubscriptionParameters(number, 100, 30, 10, 0, 0))
+    for request in (
+        ua.RepublishRequest(Parameters=ua.RepublishParameters(number, 1)),
+        ua.TransferSubscriptionsRequest(Parameters=ua.TransferSubscriptionsParameters([number], True)),
+    ):
+        with contextlib.suppress(ua.UaError):
+            await service._send_request(request)
+    await asyncio.sleep(0.3)
+    await subscription.unsubscribe(item)
+    await subscription.delete()
+
+
+class Silent:
+    def datachange_notification(self, _node: Any, _value: Any, _data: Any) -> None:
+        """Not interested."""
+
+    def event_notification(self, _event: Any) -> None:
+        """Not interested."""
+
+
+async def node_opcua_talks(url: str, folder: Path) -> None:
+    """What node-opcua's client does for tests/peers/opcua_client.js."""
+    async with node_client(folder) as client:
+        await client.ask(connect=url, user="engineer", password=PASSWORD)
+        await client.ask(read=[["ns=2;s=AxisX.Position", 13], ["ns=2;s=AxisX.Position.EURange", 13]])
+        await client.ask(browse="ns=2;s=AxisX")
+        await client.ask(translate=["ObjectsFolder", "/2:softplc/2:Axes/2:AxisX/2:Position"])
+        await client.ask(write=["ns=2;s=AxisY.Enable", 13, "Boolean", False])
+        await client.ask(write=["ns=2;s=AxisX.Position", 13, "Double", 1.0])
+        await client.ask(subscribe=["ns=2;s=AxisX.Position", "ns=2;s=AxisX.Velocity"], interval=20)
+        await client.notified(lambda seen: len(seen) >= 2)
+        await client.ask(disconnect=True)
+
+
+async def main() -> None:
+    CORPUS.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        async with serve() as served, Tap(served) as tap:
+            await asyncua_talks(tap.url)
+            tap.save("asyncua")
+        async with serve() as served, Tap(served) as tap:
+            await node_opcua_talks(tap.url, Path(folder))
+            tap.save("node-opcua")
+
+
+if __name__ == "__main__":
+    asyncio.run(main())
