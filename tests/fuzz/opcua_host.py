@@ -31,7 +31,8 @@ from tests.fuzz.opcua_mutate import mutate, mutate_frame
 from tests.publishers_opcua.conftest import USERS
 from tests.support.exchange import make_exchange
 
-PERIOD = 0.02
+PERIOD = 0.02  # seconds between two scans
+_TOLD = 0.5  # the period that clients are told: the feeder may hold the scans up, and nobody is to call them dead
 _FRAMES = 0.04  # share of mutants that are broken as frames; most of those end their connection
 _SLOW = 0.25  # seconds; a message that takes longer is told with its bytes
 
@@ -134,7 +135,7 @@ class Host:
 
     def __init__(self, port: int) -> None:
         self.exchange = make_exchange(SystemClock())
-        self.exchange.publish()
+        self.exchange.publish(_TOLD)
         self.server = OpcUaServer(OpcUaPublisher(type="opcua", port=port, users=USERS), self.exchange.reader)
         self.messages = corpus()
         self.requests = [message for message in self.messages if message.kind == b"MSG"]
@@ -146,7 +147,7 @@ class Host:
             number += 1
             await clock.sleep_until(begun + number * PERIOD)
             self.exchange.writer.commands()
-            self.exchange.publish(PERIOD)
+            self.exchange.publish(_TOLD)
             await self.server.publish()
 
     async def feed(self, seed: int, count: int) -> dict[str, Any]:

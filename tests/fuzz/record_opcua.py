@@ -6,6 +6,7 @@ Writes the corpus anew. Messages that differ in nothing but their request header
 import asyncio
 import contextlib
 import tempfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,55 +14,37 @@ from asyncua import Client, ua
 
 from tests.fuzz.opcua_messages import CORPUS, SUBSCRIPTION, TOKEN, frames, parse
 from tests.publishers_opcua.conftest import PASSWORD, Served, node_client, serve
+from tests.support.relay import Relay
 
 POSITION = ua.NodeId("AxisX.Position", 2)
 ENABLE = ua.NodeId("AxisY.Enable", 2)
 
 
 class Tap:
-    """A proxy that keeps what clients send, connection by connection, and what must be made a placeholder."""
+    """A relay before the server, and what of its streams must be made a placeholder."""
 
-    def __init__(self, served: Served) -> None:
-        self.streams: list[bytearray] = []
-        self.tokens: set[bytes] = set()
-        self.subscriptions: set[int] = set()
-        self._served = served
-        inner: Any = served.server._server.iserver
-        inner.subscription_service._sub_id_counter = 0x5EED5EED  # no other number of a message is that
-        self.url = ""
+    def __init__(self, served: Served, relay: Relay) -> None:
+        self.url = f"opc.tcp://127.0.0.1:{relay.port}"
+        self._relay = relay
+        self._inner: Any = served.server._server.iserver
+        self._tokens: set[bytes] = set()
+        self._subscriptions: set[int] = set()
+        self._inner.subscription_service._sub_id_counter = 0x5EED5EED  # no other number of a message is that
 
-    async def __aenter__(self) -> "Tap":
-        server = await asyncio.start_server(self._connected, "127.0.0.1", 0)
-        self.url = f"opc.tcp://127.0.0.1:{server.sockets[0].getsockname()[1]}"
-        self._server = server
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        self._server.close()
-
-    async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        server_reader, server_writer = await asyncio.open_connection("127.0.0.1", self._served.port)
-        self.streams.append(stream := bytearray())
-        await asyncio.gather(self._pump(reader, server_writer, stream), self._pump(server_reader, writer, bytearray()))
-
-    async def _pump(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, kept: bytearray) -> None:
-        while data := await reader.read(65536):
-            kept += data
-            writer.write(data)
-            self.look(self._served.server._server.iserver)
-        writer.close()
-
-    def look(self, inner: Any) -> None:
-        self.tokens |= {session.auth_token.Identifier for session in inner._external_sessions.values()}
-        self.subscriptions |= set(inner.subscription_service.subscriptions)
+    async def look(self) -> None:
+        """Note every session and subscription that there is, for ever."""
+        while True:
+            self._tokens |= {session.auth_token.Identifier for session in self._inner._external_sessions.values()}
+            self._subscriptions |= set(self._inner.subscription_service.subscriptions)
+            await asyncio.sleep(0)
 
     def save(self, name: str) -> None:
         lines, seen = [], set()
-        for stream in self.streams:
+        for stream in self._relay.streams:
             for part in frames(bytes(stream)):
-                for token in self.tokens:
+                for token in self._tokens:
                     part = part.replace(token, TOKEN)
-                for number in self.subscriptions:
+                for number in self._subscriptions:
                     part = part.replace(number.to_bytes(4, "little"), SUBSCRIPTION)
                 message = parse(part)
                 key = (message.service, message.body[message.payload :])
@@ -154,7 +137,7 @@ class Silent:
         """Not interested."""
 
 
-async def node_opcua_talks(url: str, folder: Path) -> None:
+async def node_opcua_talks(folder: Path, url: str) -> None:
     """What node-opcua's client does for tests/peers/opcua_client.js."""
     async with node_client(folder) as client:
         await client.ask(connect=url, user="engineer", password=PASSWORD)
@@ -171,12 +154,13 @@ async def node_opcua_talks(url: str, folder: Path) -> None:
 async def main() -> None:
     CORPUS.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
-        async with serve() as served, Tap(served) as tap:
-            await asyncua_talks(tap.url)
-            tap.save("asyncua")
-        async with serve() as served, Tap(served) as tap:
-            await node_opcua_talks(tap.url, Path(folder))
-            tap.save("node-opcua")
+        for name, talk in (("asyncua", asyncua_talks), ("node-opcua", partial(node_opcua_talks, Path(folder)))):
+            async with serve() as served, Relay(served.port) as relay:
+                tap = Tap(served, relay)
+                looking = asyncio.create_task(tap.look())
+                await talk(tap.url)
+                looking.cancel()
+                tap.save(name)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from asyncua import ua
 from asyncua.common.connection import TransportLimits
-from asyncua.common.utils import Buffer, ServiceError
+from asyncua.common.utils import Buffer, NotEnoughData, ServiceError
 from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
 from asyncua.server.internal_session import SessionState
 from asyncua.server.uaprocessor import UaProcessor
@@ -103,9 +103,11 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
             if typeid in _BROWSE_NEXT:
                 return await self._browse_next(requesthdr, seqhdr, body)
             return await super()._process_message(typeid, requesthdr, seqhdr, body)
-        except BaseException:
+        except BaseException as error:
             if typeid in _ACTIVATE_SESSION:
                 self.session = before
+            if isinstance(error, NotEnoughData):  # CloseSession without its parameter
+                raise ServiceError(ua.StatusCodes.BadDecodingError) from error
             raise
         finally:
             if self.session is not None and self.session is not before:
