@@ -20,11 +20,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from asyncua import Client, ua
-from asyncua.common.utils import Buffer
-from asyncua.ua.ua_binary import struct_from_binary
+from asyncua import Client
 
-from tests.fuzz.opcua_messages import CORPUS, Channel, Message, corpus, frame
+from tests.fuzz.opcua_client import RecordedClient
+from tests.fuzz.opcua_messages import CORPUS, Message, corpus
 from tests.fuzz.opcua_mutate import mutate, mutate_frame
 from tests.support.network import free_port
 
@@ -61,13 +60,13 @@ class Host:
 
 
 @contextlib.asynccontextmanager
-async def hosted() -> AsyncIterator[Host]:
-    """A server in a process of its own."""
+async def hosted(limits: dict[str, int] | None = None, files: int = 0) -> AsyncIterator[Host]:
+    """A server in a process of its own, with other limits, and with so many files that it may open."""
     with tempfile.TemporaryDirectory() as folder:
         log, port = Path(folder) / "log", free_port()
         with log.open("wb") as errors:
             process = await asyncio.create_subprocess_exec(
-                sys.executable, "-m", "tests.fuzz.opcua_host", str(port),
+                sys.executable, "-m", "tests.fuzz.opcua_host", str(port), json.dumps(limits or {}), str(files),
                 stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=errors,
                 cwd=Path(__file__).parents[2], limit=1 << 24,
             )  # fmt: skip
@@ -155,7 +154,7 @@ async def run(mutants: int, sockets: int, seed: int) -> Outcome:
             outcome.slow += answer["slow"]
         outcome.seconds = time.monotonic() - begun
         await through_sockets(host.port, sockets, seed)
-        answer = await host.ask(rss=True)
+        answer = await host.ask()
         outcome.grown = answer["rss"] - before
         outcome.surprises = answer.get("surprises", [])
         assert await client.get_namespace_array()
@@ -178,53 +177,32 @@ async def through_sockets(port: int, count: int, seed: int) -> None:
 
     async def one() -> None:
         for number in left:
-            with contextlib.suppress(OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
-                async with asyncio.timeout(2):
-                    await _talk(port, messages, random.Random(seed * 1_000_003 + number))
+            with contextlib.suppress(OSError, EOFError, asyncio.LimitOverrunError):
+                await _talk(port, messages, random.Random(seed * 1_000_003 + number))
 
     await asyncio.gather(*(one() for _ in range(_AT_ONCE)))
 
 
 async def _talk(port: int, messages: list[Message], chance: random.Random) -> None:
-    known = {message.service: message for message in reversed(messages)}
-    channel = Channel()
-    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    client = await RecordedClient.connect(port, timeout=2)
+    channel, requests = client.channel, [message for message in messages if message.kind == b"MSG"]
 
-    async def asked(service: str, kind: Any) -> Any:
-        writer.write(channel.message(channel.fill(known[f"{service}Request"].body)))
-        content = await _answer(reader, b"MSG")
-        return struct_from_binary(kind, Buffer(content[16:])).Parameters
+    def perhaps(data: bytes) -> bytes:
+        return mutate_frame(data, chance) if chance.random() < 0.1 else data
 
     try:
-        writer.write(_perhaps(frame(b"HEL", known["Hello"].body), chance))
-        await _answer(reader, b"ACK")
-        writer.write(_perhaps(frame(b"OPN", channel.opening(known["OpenSecureChannel"].body)), chance))
-        channel.opened(await _answer(reader, b"OPN"))
-        channel.session = (await asked("CreateSession", ua.CreateSessionResponse)).AuthenticationToken.Identifier
-        await asked("ActivateSession", ua.ActivateSessionResponse)
-        made = await asked("CreateSubscription", ua.CreateSubscriptionResponse)
-        channel.subscription = made.SubscriptionId.to_bytes(4, "little")
-        requests = [message for message in messages if message.kind == b"MSG"]
+        await client.open_channel(perhaps)
+        await client.log_in()
+        await client.subscribe()
         for _ in range(_PER_SOCKET):
             message = chance.choice(requests)
-            writer.write(channel.message(channel.fill(mutate(message, requests, chance))))
-        writer.write(_perhaps(channel.message(channel.fill(known["GetEndpointsRequest"].body)), chance))
-        await reader.readuntil(b"opc.tcp")  # the answer to the last one, unless the connection ended before
+            client.writer.write(perhaps(channel.message(channel.fill(mutate(message, requests, chance)))))
+        last = next(message for message in requests if message.service == "GetEndpointsRequest")
+        client.writer.write(channel.message(channel.fill(last.body)))
+        async with asyncio.timeout(2):
+            await client.reader.readuntil(b"opc.tcp")  # the last answer, unless the connection ended before
     finally:
-        writer.transport.abort()
-
-
-def _perhaps(data: bytes, chance: random.Random) -> bytes:
-    return mutate_frame(data, chance) if chance.random() < 0.1 else data
-
-
-async def _answer(reader: asyncio.StreamReader, kind: bytes) -> bytes:
-    """The content of the server's next frame. Raises ConnectionError when it is of another kind."""
-    head = await reader.readexactly(8)
-    content = await reader.readexactly(int.from_bytes(head[4:], "little") - 8)
-    if head[:3] != kind:
-        raise ConnectionError(f"{head[:3]!r} for {kind!r}")
-    return content
+        client.drop()
 
 
 def known_cases() -> list[list[str]]:

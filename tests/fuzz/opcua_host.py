@@ -5,7 +5,10 @@ output, and on standard error what the server logs:
 
     {"feed": seed, "count": n}     n mutants; answers what came of them
     {"replay": [[hex, …], …]}      each list of frames and bodies over a session of its own
-    {"rss": true}                  resident memory, MiB, after a garbage collection
+    {}                             nothing
+
+Every answer has the resident memory in MiB after a garbage collection, `stall`, the longest that a scan came late
+since the answer before, and `surprises`, what asyncua caught because nobody had expected it.
 """
 
 import asyncio
@@ -14,6 +17,7 @@ import json
 import logging
 import os
 import random
+import resource
 import sys
 import time
 import traceback
@@ -25,6 +29,7 @@ import structlog
 
 from softplc.clock import SystemClock
 from softplc.publishers.opcua.config import OpcUaPublisher
+from softplc.publishers.opcua.hardened.limits import Limits
 from softplc.publishers.opcua.server import OpcUaServer
 from tests.fuzz.opcua_messages import Channel, Message, corpus, frame
 from tests.fuzz.opcua_mutate import mutate, mutate_frame
@@ -114,6 +119,8 @@ class Connection:
         self.wire.close()
         if session is not None:
             await session.close_session()
+        number = int.from_bytes(self.channel.subscription, "little")
+        await self.protocol.iserver.subscription_service.delete_subscriptions([number])
         await asyncio.sleep(0)
 
 
@@ -133,19 +140,23 @@ class Surprises(logging.Handler):
 class Host:
     """The server, its scans, and the feeder."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, limits: Limits | None = None) -> None:
         self.exchange = make_exchange(SystemClock())
         self.exchange.publish(_TOLD)
-        self.server = OpcUaServer(OpcUaPublisher(type="opcua", port=port, users=USERS), self.exchange.reader)
+        self.server = OpcUaServer(OpcUaPublisher(type="opcua", port=port, users=USERS), self.exchange.reader, limits)
         self.messages = corpus()
         self.requests = [message for message in self.messages if message.kind == b"MSG"]
         self.surprises = Surprises()
+        self.stall = 0.0  # the longest that a scan came late
 
     async def scan(self) -> None:
         clock, begun, number = self.exchange.clock, time.monotonic(), 0
         while True:
             number += 1
             await clock.sleep_until(begun + number * PERIOD)
+            late = time.monotonic() - begun - number * PERIOD
+            self.stall = max(self.stall, late)
+            number += int(late / PERIOD)
             self.exchange.writer.commands()
             self.exchange.publish(_TOLD)
             await self.server.publish()
@@ -203,9 +214,11 @@ def rss() -> float:
     return pages * os.sysconf("SC_PAGESIZE") / 2**20
 
 
-async def main(port: int) -> None:
+async def main(port: int, limits: str, files: int) -> None:
+    if files:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (files, files))
     structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
-    host = Host(port)
+    host = Host(port, Limits(**json.loads(limits)))
     url = await host.server.open()
     processor = logging.getLogger("asyncua.server.uaprocessor")
     processor.setLevel(logging.ERROR)
@@ -222,11 +235,12 @@ async def main(port: int) -> None:
             answer |= await host.feed(request["feed"], request["count"])
         if "replay" in request:
             answer |= await host.replay(request["replay"])
-        answer |= {"rss": rss(), "surprises": host.surprises.found.most_common()}
+        answer |= {"rss": rss(), "surprises": host.surprises.found.most_common(), "stall": host.stall}
+        host.stall = 0.0
         print(json.dumps(answer), flush=True)
     scanning.cancel()
     await host.server.close()
 
 
 if __name__ == "__main__":
-    asyncio.run(main(int(sys.argv[1])))
+    asyncio.run(main(int(sys.argv[1]), sys.argv[2], int(sys.argv[3])))

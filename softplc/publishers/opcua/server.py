@@ -23,7 +23,7 @@ from softplc.publishers.opcua.address_space import APPLICATION_URI, NAMESPACE, N
 from softplc.publishers.opcua.config import OpcUaPublisher
 from softplc.publishers.opcua.hardened.channel import Listener
 from softplc.publishers.opcua.hardened.decoding import guard_decoding
-from softplc.publishers.opcua.hardened.limits import Limits
+from softplc.publishers.opcua.hardened.limits import Limits, free_files
 from softplc.publishers.opcua.hardened.session import ClosedServer
 from softplc.publishers.opcua.values import TagValues, Watch, utc
 
@@ -63,6 +63,7 @@ class OpcUaServer:
         logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)  # it logs every client's every mistake
         guard_decoding()
         host, port = self._config.host, self._config.port
+        self._heed_files()
         inner = ClosedServer(Users(self._config.users), self._limits)
         self._listener = Listener(inner, host, port, self._limits)
         try:
@@ -173,6 +174,16 @@ class OpcUaServer:
         stamp = None if now is None else utc(now)
         value = ua.DataValue(variant, SourceTimestamp=stamp, ServerTimestamp=stamp)
         await self._space.write_attribute_value(ua.NodeId(node), ua.AttributeIds.Value, value)
+
+    def _heed_files(self) -> None:
+        """Take no more connections than half of the files that are left; the rest is for the other servers."""
+        wanted, self._limits = self._limits.connections, self._limits.within(free_files() // 2)
+        if self._limits.connections < wanted:
+            log.warning(
+                "opcua server takes fewer connections: this process may open few files (ulimit -n)",
+                connections=self._limits.connections,
+                otherwise=wanted,
+            )
 
     def _warn_of_network(self) -> None:
         if not _is_loopback(self._config.host):

@@ -2,6 +2,8 @@
 
 import asyncio
 import contextlib
+import os
+import socket
 import struct
 from typing import Any, Final
 
@@ -25,6 +27,7 @@ _TYPES: Final = (
     ua.MessageType.SecureOpen,
     ua.MessageType.SecureClose,
 )
+_WAITING: Final = 100  # connections that the system holds until they are accepted
 _DRAIN_SECONDS: Final = 0.2  # time to send what is buffered when the server closes
 
 
@@ -250,11 +253,16 @@ class Listener(BinaryServer):  # type: ignore[misc]  # asyncua is untyped here
     async def bind(self) -> None:
         """Take the port, without accepting anyone yet. Raises OSError."""
         loop = asyncio.get_running_loop()
-        self._server = await loop.create_server(self._make_protocol, self.hostname, self.port, start_serving=False)
+        self._server = await loop.create_server(
+            self._make_protocol, self.hostname, self.port, backlog=self._own_limits.backlog, start_serving=False
+        )
 
     async def start(self) -> None:
         """Accept connections from now on. Raises OSError."""
         await self._server.start_serving()
+        for listening in self._server.sockets:  # asyncio takes the number that it accepts at once for this as well
+            with socket.socket(fileno=os.dup(listening.fileno())) as same:
+                same.listen(_WAITING)
         self.cleanup_task = asyncio.create_task(self._close_task_loop())
 
     async def stop(self) -> None:

@@ -1,7 +1,9 @@
 """How much one client, and all clients together, may take of the server."""
 
+import os
+import resource
 from collections.abc import Sized
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from asyncua import ua
 from asyncua.common.utils import ServiceError
@@ -17,6 +19,7 @@ class Limits:
 
     connections: int = 120
     connections_per_address: int = 60
+    backlog: int = 100  # connections that are accepted at once
     sessions: int = 100
     sessions_per_address: int = 50
     sessions_reserved: int = 10
@@ -40,9 +43,29 @@ class Limits:
     min_publishing_ms: float = 10.0
     max_publishing_ms: float = 3_600_000.0
 
+    def within(self, files: int) -> "Limits":
+        """The same, with no more connections than fit when this process may open so many more files.
+
+        Where files run out, asyncio logs every failed accept with a traceback, megabytes a second. It accepts
+        `backlog` connections in one turn of its loop and one more, and up to four turns' are open at a time.
+        """
+        backlog = max(min(self.backlog, files // 12), 1)
+        most = max(files - 4 * (backlog + 1), 2)
+        connections = min(self.connections, most)
+        here = self.connections_per_address
+        if connections < self.connections:
+            here = min(here, connections - connections // 6)
+        return replace(self, backlog=backlog, connections=connections, connections_per_address=here)
+
     def check_operations(self, items: Sized | None) -> None:
         """Raises ServiceError when a request asks for nothing or for too much at once."""
         if not items:
             raise ServiceError(ua.StatusCodes.BadNothingToDo)
         if len(items) > self.operations:
             raise ServiceError(ua.StatusCodes.BadTooManyOperations)
+
+
+def free_files() -> int:
+    """How many more files this process may open."""
+    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return (soft if soft != resource.RLIM_INFINITY else 1 << 20) - len(os.listdir("/dev/fd"))
