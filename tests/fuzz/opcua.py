@@ -30,6 +30,10 @@ from tests.support.network import free_port
 MUTANTS, SOCKETS = 50_000, 2_000
 WARM = 2_000  # mutants after which memory is measured first: what is made once is made by then
 MOST_MIB, MOST_LOG = 5.0, 1 << 20
+HEAD = (
+    "| mutants + over sockets | a second | memory | log | slowest | not told to another client | its longest wait |\n"
+    "|---|---|---|---|---|---|---|"
+)
 _ROLLS = 65536
 _PORTION = 2_500
 _AT_ONCE = 8  # sockets at a time
@@ -219,8 +223,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--seed", type=int, default=4840)
     options = parser.parse_args(arguments)
     outcome = asyncio.run(run(options.mutants, options.sockets, options.seed))
-    print("| mutants + over sockets | a second | memory | log | slowest | not told to another client | its longest wait |")
-    print("|---|---|---|---|---|---|---|")
+    print(HEAD)
     print(outcome.row())
     for fault in outcome.faults():
         print(fault, file=sys.stderr)

@@ -88,7 +88,7 @@ class Connection:
     def usable(self) -> bool:
         processor = self.protocol.processor
         session = processor.session if processor is not None else None
-        return not self.wire.closed and session is not None and session.is_activated() and bool(session._own())
+        return not self.wire.closed and session is not None and session.is_activated() and bool(session.own())
 
     async def open(self) -> None:
         hello, opening = self._messages["Hello"], self._messages["OpenSecureChannel"]
@@ -100,7 +100,7 @@ class Connection:
             await self.feed(self.channel.message(self.channel.fill(self._messages[f"{service}Request"].body)))
             session = self.protocol.processor.session
             self.channel.session = session.auth_token.Identifier
-            own = session._own()
+            own = session.own()
             if own:
                 self.channel.subscription = min(own).to_bytes(4, "little")
         self.wire.sent.clear()

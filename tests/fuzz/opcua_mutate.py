@@ -1,4 +1,4 @@
-"""Mutations of OPC-UA messages that know where lengths, types and the request header are. Pure: seed in, bytes out."""
+"""Mutations of OPC-UA messages that know where lengths, types and the request header are."""
 
 import random
 import struct
@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from tests.fuzz.opcua_messages import TYPE_IDS, Message
 
 _LENGTHS = (-1, -2, 0, 1, 2, 127, 255, 65535, 1 << 20, 0x7FFFFFFF, -0x80000000)
-_ENCODINGS = bytes((0, 1, 2, 3, 4, 5, 0x3F, 0x40, 0x80, 0xFF, *range(6, 26), *(0x80 | kind for kind in range(26)), 0xCB))
+_ENCODINGS = bytes(
+    (0, 1, 2, 3, 4, 5, 0x3F, 0x40, 0x80, 0xFF, *range(6, 26), *(0x80 | kind for kind in range(26)), 0xCB)
+)
 _DEEP = 3000
 
 
@@ -48,11 +50,8 @@ def _break(body: bytearray, first: int, others: Sequence[Message], chance: rando
         case 5:
             del body[at:]
         case 6:
-            stop = min(len(body), at + chance.randrange(1, 32))
-            if chance.random() < 0.5:
-                del body[at:stop]
-            else:
-                body[at:at] = body[at:stop] * chance.choice((1, 1, 2, 50))
+            stop = at + chance.randrange(1, 32)
+            body[at:stop] = body[at:stop] * chance.choice((0, 0, 0, 2, 2, 3, 51))
         case 7:
             other = chance.choice(others).body
             body[at:] = other[chance.randrange(len(other)) :]
@@ -71,7 +70,8 @@ def _retype(body: bytearray, chance: random.Random) -> None:
 def _nested(chance: random.Random) -> bytes:
     """Something that contains itself, over and over: Variants, DiagnosticInfos, or just many bytes of one kind."""
     depth = _DEEP if chance.random() < 0.05 else chance.randrange(40)
-    return chance.choice((b"\x98\x01\x00\x00\x00", b"\x18", b"\x40", b"\x99\x01\x00\x00\x00", b"\xff\xff\xff\xff")) * depth
+    kinds = (b"\x98\x01\x00\x00\x00", b"\x18", b"\x40", b"\x99\x01\x00\x00\x00", b"\xff\xff\xff\xff")
+    return chance.choice(kinds) * depth
 
 
 def mutate_frame(frame: bytes, chance: random.Random) -> bytes:
@@ -83,14 +83,17 @@ def mutate_frame(frame: bytes, chance: random.Random) -> bytes:
         case 1:
             broken[3] = chance.choice(b"FCAX\0")
         case 2:
-            size = chance.choice((0, 7, 8, 11, 12, 65535, 65536, 0x7FFFFFFF, 0xFFFFFFFF, len(broken) - 1, len(broken) + 1))
+            sizes = (0, 7, 8, 11, 12, 65535, 65536, 0x7FFFFFFF, 0xFFFFFFFF, len(broken) - 1, len(broken) + 1)
+            size = chance.choice(sizes)
             struct.pack_into("<I", broken, 4, size)
         case 3:
             broken[:3] = chance.choice((b"MSG", b"OPN", b"CLO", b"HEL", b"ACK", b"ERR", b"RHE", b"GET"))
         case 4:
             place = chance.choice((8, 12, 16, 20))
             if len(broken) >= place + 4:
-                struct.pack_into("<I", broken, place, chance.choice((0, 1, 13, 14, 0xFFFFFFFF, chance.getrandbits(32))))
+                struct.pack_into(
+                    "<I", broken, place, chance.choice((0, 1, 13, 14, 0xFFFFFFFF, chance.getrandbits(32)))
+                )
         case _:
             del broken[chance.randrange(len(broken)) :]
     return bytes(broken)

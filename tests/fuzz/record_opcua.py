@@ -41,11 +41,12 @@ class Tap:
     def save(self, name: str) -> None:
         lines, seen = [], set()
         for stream in self._relay.streams:
-            for part in frames(bytes(stream)):
-                for token in self._tokens:
-                    part = part.replace(token, TOKEN)
-                for number in self._subscriptions:
-                    part = part.replace(number.to_bytes(4, "little"), SUBSCRIPTION)
+            whole = bytes(stream)
+            for token in self._tokens:
+                whole = whole.replace(token, TOKEN)
+            for number in self._subscriptions:
+                whole = whole.replace(number.to_bytes(4, "little"), SUBSCRIPTION)
+            for part in frames(whole):
                 message = parse(part)
                 key = (message.service, message.body[message.payload :])
                 if message.kind != b"CLO" and key not in seen:
@@ -86,9 +87,7 @@ async def _reads(client: Client) -> None:
     await client.nodes.objects.get_children()
     await client.nodes.objects.get_child(["2:softplc", "2:Axes", "2:AxisX"])
     description = ua.BrowseDescription(ua.NodeId("AxisX", 2), ua.BrowseDirection.Forward, ua.NodeId(33), True, 0, 63)
-    (page,) = await service.browse(
-        ua.BrowseParameters(RequestedMaxReferencesPerNode=3, NodesToBrowse=[description])
-    )
+    (page,) = await service.browse(ua.BrowseParameters(RequestedMaxReferencesPerNode=3, NodesToBrowse=[description]))
     await service.browse_next(ua.BrowseNextParameters(False, [page.ContinuationPoint]))
     await service.register_nodes([POSITION])
     await service.unregister_nodes([POSITION])
@@ -106,7 +105,9 @@ async def _subscribes(client: Client) -> None:
     subscription: Any = await client.create_subscription(20, Silent())
     number = subscription.subscription_id
     node = client.get_node(POSITION)
-    banded = ua.uaprotocol_auto.DataChangeFilter(ua.DataChangeTrigger.StatusValueTimestamp, ua.DeadbandType.Absolute, 1)
+    banded = ua.uaprotocol_auto.DataChangeFilter(
+        ua.DataChangeTrigger.StatusValueTimestamp, ua.DeadbandType.Absolute, 1
+    )
     (item,) = await subscription.create_monitored_items(
         [subscription._make_monitored_item_request(node, ua.AttributeIds.Value, banded, 10,
                                                    ua.MonitoringMode.Reporting, 50.0)]

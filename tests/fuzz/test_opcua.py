@@ -13,9 +13,9 @@ def test_the_corpus_has_whole_conversations_of_two_independent_clients() -> None
     services = {message.service.removesuffix("Request") for message in corpus()}
 
     assert services >= {
-        "Hello", "OpenSecureChannel", "CreateSession", "ActivateSession", "CloseSession", "GetEndpoints", "FindServers",
-        "Read", "Write", "Browse", "BrowseNext", "TranslateBrowsePathsToNodeIds", "Call", "HistoryRead",
-        "CreateSubscription", "ModifySubscription", "SetPublishingMode", "Publish", "Republish",
+        "Hello", "OpenSecureChannel", "CreateSession", "ActivateSession", "CloseSession", "GetEndpoints",
+        "FindServers", "Read", "Write", "Browse", "BrowseNext", "TranslateBrowsePathsToNodeIds", "Call",
+        "HistoryRead", "CreateSubscription", "ModifySubscription", "SetPublishingMode", "Publish", "Republish",
         "TransferSubscriptions", "DeleteSubscriptions", "CreateMonitoredItems", "ModifyMonitoredItems",
         "SetMonitoringMode", "DeleteMonitoredItems", "RegisterServer", "AddNodes",
     }  # fmt: skip

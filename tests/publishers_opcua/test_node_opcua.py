@@ -170,9 +170,7 @@ async def test_a_client_hears_of_changes_again_after_the_server_has_restarted(tm
                 await asyncio.sleep(0.01)
                 await second.scan()
 
-        asked = Counter(
-            parse(frame).service for stream in relay.streams[before:] for frame in frames(bytes(stream))
-        )
+        asked = Counter(parse(frame).service for stream in relay.streams[before:] for frame in frames(bytes(stream)))
     assert asked["CreateMonitoredItemsRequest"] == 1
     assert asked["RepublishRequest"] <= 3
     assert asked["TransferSubscriptionsRequest"] <= 3

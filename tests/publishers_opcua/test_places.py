@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from asyncua import Client, ua
+from asyncua.server.internal_session import InternalSession
 
 from softplc.publishers.opcua.hardened.limits import Limits
 from tests.publishers_opcua.conftest import PASSWORD, Served, connections, refused, serve
@@ -110,9 +111,11 @@ async def crowd(served: Served, count: int) -> AsyncIterator[list[Client]]:
 
 async def test_anonymous_sessions_leave_room_for_who_logs_in() -> None:
     async with serve(CROWDED) as served, crowd(served, CROWDED.sessions_per_address) as anonymous:
+        counted = InternalSession._current_connections
         with pytest.raises(ua.UaStatusCodeError) as error:
             await served.client().connect()
         assert CODES.BadTooManySessions == refused(error)
+        assert counted == InternalSession._current_connections  # at 1000, asyncua lets nobody in any more
 
         async with served.client("engineer", PASSWORD) as one, served.client("engineer", PASSWORD) as two:
             assert await one.get_namespace_array() == await two.get_namespace_array()
@@ -123,13 +126,16 @@ async def test_anonymous_sessions_leave_room_for_who_logs_in() -> None:
 
 
 async def test_a_user_who_becomes_anonymous_needs_an_anonymous_place() -> None:
-    async with serve(CROWDED) as served, crowd(served, CROWDED.sessions_per_address):
-        async with served.client("engineer", PASSWORD) as user:
-            with pytest.raises(ua.UaStatusCodeError) as error:
-                await user.activate_session()
-            assert CODES.BadTooManySessions == refused(error)
+    async with (
+        serve(CROWDED) as served,
+        crowd(served, CROWDED.sessions_per_address),
+        served.client("engineer", PASSWORD) as user,
+    ):
+        with pytest.raises(ua.UaStatusCodeError) as error:
+            await user.activate_session()
+        assert CODES.BadTooManySessions == refused(error)
 
-            assert await user.get_namespace_array()
+        assert await user.get_namespace_array()
 
 
 async def subscribed(client: Client, items: int = 0) -> Any:

@@ -93,15 +93,7 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
         if self.session is not None and self.session.state is SessionState.Closed:
             self.session = None
         before = self.session
-        if typeid in _CREATE_SESSION:
-            await self._make_room()
-        elif typeid not in _WITHOUT_SESSION:
-            if before is None and typeid not in _ACTIVATE_SESSION:
-                raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
-            if typeid in _ACTIVATE_SESSION:
-                await self._make_room_for(requesthdr.AuthenticationToken)
-            if before is not None and requesthdr.AuthenticationToken != before.auth_token:
-                raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
+        await self._admit(typeid, requesthdr.AuthenticationToken)
         try:
             if typeid in _BROWSE_NEXT:
                 return await self._browse_next(requesthdr, seqhdr, body)
@@ -126,16 +118,23 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
         self.send_response(requesthdr.RequestHandle, seqhdr, response)
         return True
 
-    async def _make_room_for(self, token: Any) -> None:
-        session = self.iserver.lookup_external_session(token)
-        if session is not None:
-            await self.iserver.make_room_for(session)
+    async def _admit(self, typeid: Any, token: Any) -> None:
+        """Who asks may, and there is room for the session that he asks for. Raises ServiceError."""
+        if typeid in _CREATE_SESSION:
+            await self._make_room()
+        elif typeid not in _WITHOUT_SESSION:
+            if self.session is None and typeid not in _ACTIVATE_SESSION:
+                raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
+            if self.session is not None and token != self.session.auth_token:
+                raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
+            if typeid in _ACTIVATE_SESSION:
+                await self.iserver.make_room_for(token)
 
     def _adopt(self, session: Any) -> None:
         """A session that was activated here is no longer that of the connection it came from."""
         if session.processor is not None:
             session.processor.session = None
-        session.processor = self
+        session.processor, session.address = self, str(self.name[0])
 
     async def _make_room(self) -> None:
         if self.session is not None:

@@ -1,9 +1,9 @@
 """How much one client, and all clients together, may take of the server."""
 
-import os
 import resource
 from collections.abc import Sized
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from asyncua import ua
 from asyncua.common.utils import ServiceError
@@ -68,4 +68,4 @@ class Limits:
 def free_files() -> int:
     """How many more files this process may open."""
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-    return (soft if soft != resource.RLIM_INFINITY else 1 << 20) - len(os.listdir("/dev/fd"))
+    return (soft if soft != resource.RLIM_INFINITY else 1 << 20) - sum(1 for _ in Path("/dev/fd").iterdir())

@@ -37,7 +37,9 @@ def give_way(connections: Iterable[Any], address: str, limits: Limits, now: floa
     else:
         return True, None
     late = (connection for connection in crowd if now - connection.made >= limits.grace_seconds)
-    waiting = [(stage, random.random(), connection) for connection in late if (stage := connection.stage()) < Stage.ACTIVE]
+    waiting = [
+        (stage, random.random(), connection) for connection in late if (stage := connection.stage()) < Stage.ACTIVE
+    ]
     if not waiting:
         return False, None
     return True, min(waiting, key=lambda found: found[:2])[2]

@@ -7,12 +7,11 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-import structlog
 from asyncua import ua
 from asyncua.common.utils import ServiceError
 from asyncua.crypto.permission_rules import User, UserRole
 from asyncua.server.internal_server import InternalServer
-from asyncua.server.internal_session import InternalSession
+from asyncua.server.internal_session import InternalSession, SessionState
 from asyncua.server.user_managers import UserManager
 
 from softplc.publishers.opcua.access import Access
@@ -25,8 +24,6 @@ from softplc.publishers.opcua.hardened.places import (
 from softplc.publishers.opcua.hardened.subscriptions import Subscriptions
 from softplc.publishers.opcua.hardened.view import Browser, ReferenceTypes
 from softplc.publishers.opcua.values import Watch
-
-log = structlog.get_logger(__name__)
 
 _ANONYMOUS = User(UserRole.Anonymous)
 _READ_WRITE = 1 << ua.AccessLevel.CurrentRead | 1 << ua.AccessLevel.CurrentWrite
@@ -57,19 +54,25 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
         return await super().create_session(params, sockname=sockname)
 
     def activate_session(self, params: Any, peer_certificate: Any) -> Any:
-        """ActivateSession; log-ins of named users are told, refused ones too."""
-        before, state = self.user, self.state
+        """ActivateSession; log-ins of named users are told, refused ones too; without one there must be room."""
+        before: Any = self.user
+        state: Any = self.state
         try:
             result = super().activate_session(params, peer_certificate)
         except ServiceError:
             self.iserver.access.refused(self.address)
             raise
         if self.user.name is None and self.iserver.is_crowded_for(self):
-            self.user, self.state = before, state
+            self._undo_activation(before, state)
             raise ServiceError(ua.StatusCodes.BadTooManySessions)
         if self.user.name != before.name and self.user.name is not None:
-            log.info("opcua log-in", user=self.user.name, address=self.address)
+            self.iserver.access.logged_in(self.user.name, self.address)
         return result
+
+    def _undo_activation(self, user: Any, state: Any) -> None:
+        if state is SessionState.Created:
+            InternalSession._current_connections -= 1  # asyncua counts the whole process's, up to a thousand
+        self.user, self.state = user, state
 
     async def close_session(self, delete_subs: bool = True) -> None:
         """CloseSession; subscriptions outlive it only where a user can prove that they are his."""
@@ -121,7 +124,7 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
     async def create_subscription(self, params: Any, callback: Any, request_callback: Any = None) -> Any:
         """CreateSubscription up to the limit of one session."""
         limits = self.iserver.limits
-        if len(self._own()) >= limits.subscriptions_per_session or not self._has_room(subscriptions=1):
+        if len(self.own()) >= limits.subscriptions_per_session or not self._has_room(subscriptions=1):
             raise ServiceError(ua.StatusCodes.BadTooManySubscriptions)
         result = await super().create_subscription(params, callback, request_callback)
         sub = self.subscription_service.subscriptions[result.SubscriptionId]
@@ -136,46 +139,30 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
     async def delete_subscriptions(self, ids: Sequence[int]) -> list[Any]:
         """DeleteSubscriptions of the session's own; others do not exist."""
         ids = ids or ()
-        results = iter(await super().delete_subscriptions(own := [number for number in ids if number in self._own()]))
+        results = iter(await super().delete_subscriptions(own := [number for number in ids if number in self.own()]))
         unknown = ua.StatusCode(ua.StatusCodes.BadSubscriptionIdInvalid)
         return [next(results) if number in own else unknown for number in ids]
 
     async def set_publishing_mode(self, params: Any) -> list[Any]:
         """SetPublishingMode of the session's own; others do not exist."""
         self.iserver.limits.check_operations(params.SubscriptionIds)
-        own = self._own()
+        own = self.own()
         params.SubscriptionIds = [number if number in own else 0 for number in params.SubscriptionIds]
         return list(await super().set_publishing_mode(params))
 
     async def transfer_subscriptions(self, params: Any, callback: Any) -> list[Any]:
         """TransferSubscriptions to the same user's new session; who did not log in cannot prove who he is.
 
-        OPC 10000-4, 5.14.7: without log-in and encryption the answer shall be BadUserAccessDenied.
+        OPC 10000-4, 5.13.7: without log-in and encryption the answer shall be BadUserAccessDenied.
         """
         self.iserver.limits.check_operations(params.SubscriptionIds)
-        return [self._transfer(number, callback) for number in params.SubscriptionIds]
-
-    def _transfer(self, number: int, callback: Any) -> Any:
-        limits, sub = self.iserver.limits, self.subscription_service.subscriptions.get(number)
-        if sub is None:
-            return ua.TransferResult(ua.StatusCode(ua.StatusCodes.BadSubscriptionIdInvalid))
-        if sub.session_id == self.session_id:
-            return ua.TransferResult(ua.StatusCode(ua.StatusCodes.BadNothingToDo))
-        if self.user.name is None or sub.user_name != self.user.name:
-            return ua.TransferResult(ua.StatusCode(ua.StatusCodes.BadUserAccessDenied))
-        held = self._own().values()
-        items = sum(len(own.monitored_item_srv) for own in held) + len(sub.monitored_item_srv)
-        if len(held) >= limits.subscriptions_per_session or items > limits.items_per_session:
-            return ua.TransferResult(ua.StatusCode(ua.StatusCodes.BadTooManySubscriptions))
-        sub.session_id, sub.address = self.session_id, self.address
-        sub.pub_result_callback, sub.pub_request_callback = callback, self.processor.get_publish_request
-        return ua.TransferResult(ua.StatusCode(), sorted(sub._not_acknowledged_results))
+        return [self.subscription_service.transfer(self, number, callback) for number in params.SubscriptionIds]
 
     async def create_monitored_items(self, params: Any) -> list[Any]:
         """CreateMonitoredItems on the session's own subscription, up to the limit of one session."""
         self.iserver.limits.check_operations(params.ItemsToCreate)
         self._check_own(params.SubscriptionId)
-        held = sum(len(sub.monitored_item_srv) for sub in self._own().values())
+        held = sum(len(sub.monitored_item_srv) for sub in self.own().values())
         wanted = len(params.ItemsToCreate)
         if held + wanted > self.iserver.limits.items_per_session or not self._has_room(items=wanted):
             raise ServiceError(ua.StatusCodes.BadTooManyMonitoredItems)
@@ -206,7 +193,7 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
 
     def publish(self, acks: Any = None) -> tuple[int, list[Any]]:
         """Publish: acknowledges messages of the session's own subscriptions; their number limits the queue."""
-        own = self._own()
+        own = self.own()
         if not own:
             raise ServiceError(ua.StatusCodes.BadNoSubscription)
         results = []
@@ -215,13 +202,13 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
             results.append(ua.StatusCode(_acknowledge(sub, ack.SequenceNumber)))
         return len(own), results
 
-    def _own(self) -> dict[int, Any]:
+    def own(self) -> dict[int, Any]:
         """The session's subscriptions."""
         subscriptions = self.subscription_service.subscriptions
         return {number: sub for number, sub in subscriptions.items() if sub.session_id == self.session_id}
 
     def _check_own(self, subscription_id: int) -> None:
-        if subscription_id not in self._own():
+        if subscription_id not in self.own():
             raise ServiceError(ua.StatusCodes.BadSubscriptionIdInvalid)
 
     def _has_room(self, *, subscriptions: int = 0, items: int = 0) -> bool:
@@ -284,11 +271,13 @@ class ClosedServer(InternalServer):  # type: ignore[misc]  # asyncua is untyped 
         if weakest is not None:
             await weakest.close_session()
 
-    async def make_room_for(self, session: Session) -> None:
-        """If this session had no place without a log-in, have one give way whose connection was lost."""
-        _, weakest = anonymous_session_that_gives_way(self._external_sessions.values(), session, self.limits)
-        if weakest is not None:
-            await weakest.close_session()
+    async def make_room_for(self, token: Any) -> None:
+        """If there is no place without a log-in for this token's session, one whose connection was lost gives way."""
+        session = self._external_sessions.get(token)
+        if session is not None:
+            _, weakest = anonymous_session_that_gives_way(self._external_sessions.values(), session, self.limits)
+            if weakest is not None:
+                await weakest.close_session()
 
     def is_crowded_for(self, session: Session) -> bool:
         """There is no place for this session without a log-in."""

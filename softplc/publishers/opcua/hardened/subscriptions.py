@@ -39,6 +39,23 @@ class Subscriptions(SubscriptionService):  # type: ignore[misc]  # asyncua is un
         sub.monitored_item_srv = MonitoredItems(sub, self.aspace, self.iserver.watch)
         return result
 
+    def transfer(self, session: Any, number: int, callback: Any) -> Any:
+        """Make a subscription this session's, if it is the same user's; `callback` sends its notifications."""
+        limits, sub = self.iserver.limits, self.subscriptions.get(number)
+        if sub is None:
+            return ua.TransferResult(ua.StatusCode(ua.StatusCodes.BadSubscriptionIdInvalid))
+        if sub.session_id == session.session_id:
+            return ua.TransferResult(ua.StatusCode(ua.StatusCodes.BadNothingToDo))
+        if session.user.name is None or sub.user_name != session.user.name:
+            return ua.TransferResult(ua.StatusCode(ua.StatusCodes.BadUserAccessDenied))
+        held = session.own().values()
+        items = sum(len(own.monitored_item_srv) for own in held) + len(sub.monitored_item_srv)
+        if len(held) >= limits.subscriptions_per_session or items > limits.items_per_session:
+            return ua.TransferResult(ua.StatusCode(ua.StatusCodes.BadTooManySubscriptions))
+        sub.session_id, sub.address = session.session_id, session.address
+        sub.pub_result_callback, sub.pub_request_callback = callback, session.processor.get_publish_request
+        return ua.TransferResult(ua.StatusCode(), sorted(sub._not_acknowledged_results))
+
     def republish(self, params: Any) -> Any:
         """The message with this sequence number, kept until it is acknowledged. Raises ServiceError."""
         sub = self.subscriptions.get(params.SubscriptionId)
