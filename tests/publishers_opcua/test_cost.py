@@ -4,18 +4,21 @@ import asyncio
 from collections.abc import AsyncIterator
 from typing import Any
 
+import pytest
 import pytest_asyncio
 from asyncua import ua
 
 from tests.fuzz.opcua import Host, Neighbour, hosted, patient
 from tests.fuzz.opcua_client import RecordedClient
 
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
 CYCLES = 600
 WARM = 150  # cycles after which the places of lost sessions are all taken: from then on nothing is to grow
 FEW_FILES = 64
 
 
-@pytest_asyncio.fixture
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def host() -> AsyncIterator[Host]:
     async with hosted() as host:
         yield host
