@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import os
 import socket
-import struct
 from typing import Any, Final
 
 from asyncua import ua
@@ -16,17 +15,10 @@ from asyncua.server.uaprocessor import UaProcessor
 from asyncua.ua.ua_binary import header_from_binary, uatcp_to_binary
 
 from softplc.publishers.opcua.hardened.decoding import decoded
+from softplc.publishers.opcua.hardened.frames import HEADER_BYTES, frame_size, is_hello_that_cannot_be
 from softplc.publishers.opcua.hardened.limits import Limits
 from softplc.publishers.opcua.hardened.places import Stage, give_way
 
-_HEADER: Final = struct.Struct("<3scI")
-_CHANNEL_HEADER: Final = 12  # bytes of the header with the channel id
-_TYPES: Final = (
-    ua.MessageType.SecureMessage,
-    ua.MessageType.Hello,
-    ua.MessageType.SecureOpen,
-    ua.MessageType.SecureClose,
-)
 _WAITING: Final = 100  # connections that the system holds until they are accepted
 _DRAIN_SECONDS: Final = 0.2  # time to send what is buffered when the server closes
 
@@ -48,15 +40,6 @@ _SERVICES: Final = _WITHOUT_SESSION | _requests(
     "Publish", "Republish",
     "CreateMonitoredItems", "ModifyMonitoredItems", "DeleteMonitoredItems", "SetMonitoringMode",
 )  # fmt: skip
-
-
-def frame_size(head: bytes | bytearray, chunk_bytes: int) -> int | None:
-    """Bytes of the frame that begins with these eight, as its header declares; None when that cannot be."""
-    kind, chunk, size = _HEADER.unpack_from(head)
-    smallest = _HEADER.size if kind == ua.MessageType.Hello else _CHANNEL_HEADER
-    if kind not in _TYPES or chunk not in b"FCA" or not smallest < size <= chunk_bytes:
-        return None
-    return int(size)
 
 
 class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
@@ -199,15 +182,19 @@ class Protocol(OPCUAProtocol):  # type: ignore[misc]  # asyncua is untyped here
         self._talking = True
         received = self._received
         received += data
-        while len(received) >= _HEADER.size:
+        while len(received) >= HEADER_BYTES:
             size = frame_size(received, self._own_limits.chunk_bytes)
             if size is None:
                 self._end(ua.StatusCodes.BadTcpMessageTypeInvalid)
                 return
             if len(received) < size:
                 break
-            frame = Buffer(bytes(received[:size]))
+            cut = bytes(received[:size])
             del received[:size]
+            if is_hello_that_cannot_be(cut):
+                self._end(ua.StatusCodes.BadConnectionRejected)
+                return
+            frame = Buffer(cut)
             self.messages.put_nowait((header_from_binary(frame), frame))
         if self.messages.qsize() >= self._own_limits.waiting_requests and not self._paused:
             self._paused = True
