@@ -54,7 +54,8 @@ async def test_twelve_thousand_monitored_items_keep_nobody_from_hearing_of_every
         await host.ask()
 
         many: Any = await hoarder.create_subscription(500, None)
-        item = ua.MonitoredItemCreateRequest(ua.ReadValueId(ua.NodeId("Tasks.main.Heartbeat", 2), 13))
+        # a value that rests: this process could not decode 12 000 changes beside the neighbour's
+        item = ua.MonitoredItemCreateRequest(ua.ReadValueId(ua.NodeId("AxisX.Position", 2), 13))
         for _ in range(6):
             request = ua.CreateMonitoredItemsParameters(many.subscription_id, ItemsToCreate=[item] * 2000)
             results = await hoarder.uaclient.create_monitored_items(request)
