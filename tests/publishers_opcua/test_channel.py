@@ -12,7 +12,7 @@ import pytest
 from asyncua import ua
 from asyncua.ua.ua_binary import struct_to_binary, uatcp_to_binary
 
-from softplc.publishers.opcua.hardened.channel import frame_size
+from softplc.publishers.opcua.hardened.frames import frame_size
 from tests.publishers_opcua.conftest import LIMITS, PASSWORD, Served, connections
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
@@ -101,6 +101,20 @@ async def test_a_frame_that_breaks_the_protocol_ends_the_connection(quiet: Serve
     await connections(quiet, 0)
 
 
+@pytest.mark.parametrize("sizes", [(0, 65535), (34, 65535), (65535, 0), (8191, 8191)])
+async def test_a_hello_that_wants_its_answers_in_crumbs_ends_the_connection(
+    quiet: Served, sizes: tuple[int, int]
+) -> None:
+    reader, writer = await asyncio.open_connection("127.0.0.1", quiet.port)
+    writer.write(uatcp_to_binary(ua.MessageType.Hello, ua.Hello(0, *sizes, 0, 0, "opc.tcp://127.0.0.1:4840")))
+
+    answer = await closed(reader)
+
+    assert answer[:3] == b"ERR"
+    assert struct.pack("<I", CODES.BadConnectionRejected) in answer
+    writer.close()
+
+
 async def test_services_before_a_channel_is_open_are_refused(quiet: Served) -> None:
     reader, writer = await asyncio.open_connection("127.0.0.1", quiet.port)
     request = struct_to_binary(ua.CreateSessionRequest())
@@ -128,9 +142,7 @@ async def test_one_address_cannot_take_all_connections(quiet: Served) -> None:
     pairs = [
         await asyncio.open_connection("127.0.0.1", quiet.port) for _ in range(LIMITS.connections_per_address + 2)
     ]
-    refused_ones = [reader for reader, _ in pairs[LIMITS.connections_per_address :]]
-    for reader in refused_ones:
-        assert await closed(reader) == b""
+    await connections(quiet, LIMITS.connections_per_address)
 
     _, writer = await asyncio.open_connection("127.0.0.1", quiet.port, local_addr=("127.0.0.2", 0))
     await connections(quiet, LIMITS.connections_per_address + 1)

@@ -1,5 +1,7 @@
 """An independent client, node-opcua, against softplc's server over a real socket."""
 
+import asyncio
+from collections import Counter
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -8,7 +10,9 @@ import pytest_asyncio
 
 from softplc.sample import StatusCode
 from softplc.tags import DataType
+from tests.fuzz.opcua_messages import frames, parse
 from tests.publishers_opcua.conftest import PASSWORD, NodeClient, Served, node_client, serve
+from tests.support.relay import Relay
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -152,20 +156,31 @@ async def test_a_client_whose_line_was_cut_hears_of_changes_again(served: Served
 
 
 async def test_a_client_hears_of_changes_again_after_the_server_has_restarted(tmp_path: Path) -> None:
-    async with node_client(tmp_path) as client:
+    async with node_client(tmp_path) as client, Relay(0) as relay:
         async with serve() as first:
-            await resilient(first, client)
+            relay.target = first.port
+            await resilient(first, client, f"opc.tcp://127.0.0.1:{relay.port}")
+            before = len(relay.streams)
         async with serve(port=first.port) as second:
             for number in (2.0, 3.0):
                 second.exchange.set("AxisX.Position", number)
                 await second.scan()
                 await client.notified(lambda seen, number=number: seen[-1]["value"] == number)
+            for _ in range(50):  # a client that asks again for ever does so a thousand times a second
+                await asyncio.sleep(0.01)
+                await second.scan()
+
+        asked = Counter(parse(frame).service for stream in relay.streams[before:] for frame in frames(bytes(stream)))
+    assert asked["CreateMonitoredItemsRequest"] == 1
+    assert asked["RepublishRequest"] <= 3
+    assert asked["TransferSubscriptionsRequest"] <= 3
+    assert asked.total() - asked["PublishRequest"] <= 100  # some 15 for each attempt to connect
 
 
-async def resilient(served: Served, client: NodeClient) -> None:
+async def resilient(served: Served, client: NodeClient, url: str | None = None) -> None:
     """A client that tries for ever to reconnect, with one subscription that has heard of the value 1."""
     served.exchange.set("AxisX.Position", 1.0)
     await served.scan()
-    assert "error" not in await client.ask(connect=served.url, retries=-1)
+    assert "error" not in await client.ask(connect=url or served.url, retries=-1)
     await client.ask(subscribe=["ns=2;s=AxisX.Position"], interval=20)
     await client.notified(lambda seen: bool(seen) and seen[-1]["value"] == 1.0)

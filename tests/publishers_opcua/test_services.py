@@ -1,5 +1,7 @@
 """Subscriptions, requests and browsing within their bounds, each session with its own."""
 
+import gc
+import logging
 from typing import Any
 
 import pytest
@@ -32,6 +34,20 @@ async def test_republish_says_what_is_not_there(quiet: Served) -> None:
 
         assert CODES.BadSubscriptionIdInvalid == await republish(client, 1, 1)
         assert CODES.BadMessageNotAvailable == await republish(client, subscription.subscription_id, 4711)
+
+
+def loggers() -> int:
+    gc.collect()
+    return sum(isinstance(found, logging.Logger) for found in gc.get_objects())
+
+
+async def test_a_subscription_that_is_gone_leaves_no_logger_behind(quiet: Served) -> None:
+    async with quiet.client() as client:
+        before = loggers()
+        for _ in range(10):
+            await (await subscribed(client)).delete()
+
+        assert before == loggers()
 
 
 async def test_a_session_cannot_touch_anothers_subscription(quiet: Served) -> None:

@@ -30,6 +30,7 @@ async def test_a_lost_session_gives_way_to_a_new_client_and_a_living_one_does_no
         with pytest.raises(ua.UaStatusCodeError) as error:
             await quiet.client().connect()
         assert CODES.BadTooManySessions == refused(error)
+        await connections(quiet, LIMITS.sessions_per_address)
         next(iter(sessions.values())).processor = None  # as after a cut line with a subscription
 
         async with quiet.client() as newcomer:
@@ -124,3 +125,24 @@ async def test_a_session_timeout_that_is_no_number_is_revised(quiet: Served) -> 
         (session,) = quiet.server._server.iserver._external_sessions.values()
 
         assert session.session_timeout == 5.0
+
+
+@pytest.mark.parametrize("certificate", [b"no certificate at all", b"\x30\x82" + bytes(1000), bytes(8000)])
+async def test_what_a_client_sends_as_its_certificate_is_not_judged_without_security(
+    quiet: Served, certificate: bytes
+) -> None:
+    client = quiet.client()
+    client.security_policy.host_certificate = certificate
+    client.uaclient.security_policy.host_certificate = certificate
+
+    async with client:
+        assert await client.get_namespace_array()
+
+
+async def test_a_certificate_is_nobodys_log_in(quiet: Served) -> None:
+    async with quiet.client() as client:
+        token = ua.X509IdentityToken(PolicyId="certificate", CertificateData=b"anything")
+        with pytest.raises(ua.UaStatusCodeError) as error:
+            await client.uaclient.activate_session(ua.ActivateSessionParameters(UserIdentityToken=token))
+
+        assert CODES.BadIdentityTokenRejected == refused(error)

@@ -20,7 +20,7 @@ from softplc.publishers.opcua.config import OpcUaServerUser
 from softplc.publishers.opcua.values import VARIANT_TYPES, TagValues
 from softplc.tags import Tag
 
-_TOLD_EVERY: Final = 60.0  # seconds between two log lines about refused log-ins
+_TOLD_EVERY: Final = 60.0  # seconds between two log lines about log-ins of one user, and about refused ones
 
 log = structlog.get_logger(__name__)
 
@@ -73,6 +73,7 @@ class Access:
         self._reader, self._values, self._index = reader, values, index
         self._refused = 0
         self._told = -math.inf
+        self._logged_in: dict[tuple[str, str], float] = {}
 
     def may_write(self, user: Any, node_id: Any) -> bool:
         """This user may write this node's value."""
@@ -99,6 +100,15 @@ class Access:
         if status:
             return status
         return self._command(user, tag, index, float(item.Value.Value.Value))
+
+    def logged_in(self, user: str, address: str) -> None:
+        """A log-in; told at most once a minute for the same user at the same address."""
+        now = self._reader.clock.monotonic()
+        recent = {who: told for who, told in self._logged_in.items() if now - told < _TOLD_EVERY}
+        if (user, address) not in recent:
+            log.info("opcua log-in", user=user, address=address)
+            recent[user, address] = now
+        self._logged_in = recent
 
     def refused(self, address: str) -> None:
         """A log-in was refused; told at most once a minute, with the number of those in between."""

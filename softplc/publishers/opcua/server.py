@@ -26,8 +26,8 @@ from softplc.publishers.opcua.fast.reads import Reads
 from softplc.publishers.opcua.fast.seam import proven
 from softplc.publishers.opcua.fast.sweep import Sweep
 from softplc.publishers.opcua.hardened.channel import Listener
-from softplc.publishers.opcua.hardened.decoding import bound_arrays
-from softplc.publishers.opcua.hardened.limits import Limits
+from softplc.publishers.opcua.hardened.decoding import guard_decoding
+from softplc.publishers.opcua.hardened.limits import Limits, free_files
 from softplc.publishers.opcua.hardened.session import ClosedServer
 from softplc.publishers.opcua.values import TagValues, Watch, utc
 
@@ -75,8 +75,9 @@ class OpcUaServer:
     async def open(self) -> str:
         """Build the address space and listen. Raises SoftplcError when the address is not to be had."""
         logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)  # it logs every client's every mistake
-        bound_arrays()
+        guard_decoding()
         host, port = self._config.host, self._config.port
+        self._heed_files()
         inner = ClosedServer(Users(self._config.users), self._limits)
         self._listener = Listener(inner, host, port, self._limits)
         try:
@@ -203,6 +204,16 @@ class OpcUaServer:
         stamp = None if now is None else utc(now)
         value = ua.DataValue(variant, SourceTimestamp=stamp, ServerTimestamp=stamp)
         await self._space.write_attribute_value(ua.NodeId(node), ua.AttributeIds.Value, value)
+
+    def _heed_files(self) -> None:
+        """Take no more connections than half of the files that are left; the rest is for the other servers."""
+        wanted, self._limits = self._limits.connections, self._limits.within(free_files() // 2)
+        if self._limits.connections < wanted:
+            log.warning(
+                "opcua server takes fewer connections: this process may open few files (ulimit -n)",
+                connections=self._limits.connections,
+                otherwise=wanted,
+            )
 
     def _warn_of_network(self) -> None:
         if not _is_loopback(self._config.host):

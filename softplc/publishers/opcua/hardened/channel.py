@@ -2,28 +2,25 @@
 
 import asyncio
 import contextlib
-import struct
+import os
+import socket
 from typing import Any, Final
 
 from asyncua import ua
 from asyncua.common.connection import TransportLimits
-from asyncua.common.utils import Buffer, ServiceError
+from asyncua.common.utils import Buffer, NotEnoughData, ServiceError
 from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
 from asyncua.server.internal_session import SessionState
 from asyncua.server.uaprocessor import UaProcessor
 from asyncua.ua.ua_binary import header_from_binary, struct_from_binary, struct_to_binary, uatcp_to_binary
 
 from softplc.publishers.opcua.hardened.answers import ClientLimits
+from softplc.publishers.opcua.hardened.decoding import decoded
+from softplc.publishers.opcua.hardened.frames import HEADER_BYTES, frame_size, is_hello_that_cannot_be
 from softplc.publishers.opcua.hardened.limits import Limits
+from softplc.publishers.opcua.hardened.places import Stage, give_way
 
-_HEADER: Final = struct.Struct("<3scI")
-_CHANNEL_HEADER: Final = 12  # bytes of the header with the channel id
-_TYPES: Final = (
-    ua.MessageType.SecureMessage,
-    ua.MessageType.Hello,
-    ua.MessageType.SecureOpen,
-    ua.MessageType.SecureClose,
-)
+_WAITING: Final = 100  # connections that the system holds until they are accepted
 _DRAIN_SECONDS: Final = 0.2  # time to send what is buffered when the server closes
 
 
@@ -44,15 +41,6 @@ _SERVICES: Final = _WITHOUT_SESSION | _requests(
     "Publish", "Republish",
     "CreateMonitoredItems", "ModifyMonitoredItems", "DeleteMonitoredItems", "SetMonitoringMode",
 )  # fmt: skip
-
-
-def frame_size(head: bytes | bytearray, chunk_bytes: int) -> int | None:
-    """Bytes of the frame that begins with these eight, as its header declares; None when that cannot be."""
-    kind, chunk, size = _HEADER.unpack_from(head)
-    smallest = _HEADER.size if kind == ua.MessageType.Hello else _CHANNEL_HEADER
-    if kind not in _TYPES or chunk not in b"FCA" or not smallest < size <= chunk_bytes:
-        return None
-    return int(size)
 
 
 class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
@@ -119,20 +107,16 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
         if self.session is not None and self.session.state is SessionState.Closed:
             self.session = None
         before = self.session
-        if typeid in _CREATE_SESSION:
-            await self._make_room()
-        elif typeid not in _WITHOUT_SESSION:
-            if before is None and typeid not in _ACTIVATE_SESSION:
-                raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
-            if before is not None and requesthdr.AuthenticationToken != before.auth_token:
-                raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
+        await self._admit(typeid, requesthdr.AuthenticationToken)
         try:
             if typeid in _BROWSE_NEXT:
                 return await self._browse_next(requesthdr, seqhdr, body)
             return await super()._process_message(typeid, requesthdr, seqhdr, body)
-        except BaseException:
+        except BaseException as error:
             if typeid in _ACTIVATE_SESSION:
                 self.session = before
+            if isinstance(error, NotEnoughData):  # CloseSession without its parameter
+                raise ServiceError(ua.StatusCodes.BadDecodingError) from error
             raise
         finally:
             if self.session is not None and self.session is not before:
@@ -144,17 +128,27 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
             raise ServiceError(ua.StatusCodes.BadSessionNotActivated)
         self.session.touch()
         response = ua.BrowseNextResponse()
-        response.Parameters.Results = await self.session.browse_next(
-            struct_from_binary(ua.BrowseNextParameters, body)
-        )
+        response.Parameters.Results = await self.session.browse_next(decoded(ua.BrowseNextParameters, body))
         self.send_response(requesthdr.RequestHandle, seqhdr, response)
         return True
+
+    async def _admit(self, typeid: Any, token: Any) -> None:
+        """Who asks may, and there is room for the session that he asks for. Raises ServiceError."""
+        if typeid in _CREATE_SESSION:
+            await self._make_room()
+        elif typeid not in _WITHOUT_SESSION:
+            if self.session is None and typeid not in _ACTIVATE_SESSION:
+                raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
+            if self.session is not None and token != self.session.auth_token:
+                raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
+            if typeid in _ACTIVATE_SESSION:
+                await self.iserver.make_room_for(token)
 
     def _adopt(self, session: Any) -> None:
         """A session that was activated here is no longer that of the connection it came from."""
         if session.processor is not None:
             session.processor.session = None
-        session.processor = self
+        session.processor, session.address = self, str(self.name[0])
 
     async def _make_room(self) -> None:
         if self.session is not None:
@@ -178,12 +172,17 @@ class Protocol(OPCUAProtocol):  # type: ignore[misc]  # asyncua is untyped here
         self._own_limits = own_limits
         self._received = bytearray()
         self._paused = False
+        self._talking = False
+        self.address = ""
+        self.made = asyncio.get_running_loop().time()
 
     def connection_made(self, transport: Any) -> None:
-        """Accept the connection unless its address has too many."""
-        address = _address(transport)
-        same = sum(_address(client.transport) == address for client in self.clients)
-        if same >= self._own_limits.connections_per_address:
+        """Accept the connection if there is a place for it, or one that makes its place."""
+        self.address = _address(transport)
+        room, weakest = give_way(self.clients, self.address, self._own_limits, self.made)
+        if weakest is not None:
+            weakest.transport.abort()
+        if not room:
             transport.abort()
             return
         super().connection_made(transport)
@@ -191,27 +190,42 @@ class Protocol(OPCUAProtocol):  # type: ignore[misc]  # asyncua is untyped here
             self.processor = Processor(self.iserver, self.transport, self.limits, self._own_limits)
             self.processor.set_policies(self.policies)
 
+    def stage(self) -> Stage:
+        """How far the client has come."""
+        if self.processor.session is not None:
+            return Stage.ACTIVE if self.processor.session.is_activated() else Stage.SESSION
+        if self.processor._connection.is_open():
+            return Stage.CHANNEL
+        return Stage.TALKING if self._talking else Stage.SILENT
+
     def connection_lost(self, ex: BaseException | None) -> None:
         """Tell the server that waits for this in `stop`."""
         super().connection_lost(ex)
         if not self.closed.done():
             self.closed.set_result(None)
+            if self.processor is not None:  # asyncua keeps what is closed for up to 10 s
+                self.closing_tasks[-1].add_done_callback(self._forget)
 
     def data_received(self, data: bytes) -> None:
         """Cut frames out of the stream and queue them; the size is checked before anything is kept."""
         if self.transport is None or self.transport.is_closing():
             return
+        self._talking = True
         received = self._received
         received += data
-        while len(received) >= _HEADER.size:
+        while len(received) >= HEADER_BYTES:
             size = frame_size(received, self._own_limits.chunk_bytes)
             if size is None:
                 self._end(ua.StatusCodes.BadTcpMessageTypeInvalid)
                 return
             if len(received) < size:
                 break
-            frame = Buffer(bytes(received[:size]))
+            cut = bytes(received[:size])
             del received[:size]
+            if is_hello_that_cannot_be(cut):
+                self._end(ua.StatusCodes.BadConnectionRejected)
+                return
+            frame = Buffer(cut)
             self.messages.put_nowait((header_from_binary(frame), frame))
         if self.messages.qsize() >= self._own_limits.waiting_requests and not self._paused:
             self._paused = True
@@ -227,6 +241,10 @@ class Protocol(OPCUAProtocol):  # type: ignore[misc]  # asyncua is untyped here
             self._paused = False
             self.transport.resume_reading()
         return bool(going_on)
+
+    def _forget(self, task: asyncio.Task[Any]) -> None:
+        if task in self.closing_tasks:
+            self.closing_tasks.remove(task)
 
     def _end(self, code: int) -> None:
         self._received.clear()
@@ -252,11 +270,16 @@ class Listener(BinaryServer):  # type: ignore[misc]  # asyncua is untyped here
     async def bind(self) -> None:
         """Take the port, without accepting anyone yet. Raises OSError."""
         loop = asyncio.get_running_loop()
-        self._server = await loop.create_server(self._make_protocol, self.hostname, self.port, start_serving=False)
+        self._server = await loop.create_server(
+            self._make_protocol, self.hostname, self.port, backlog=self._own_limits.backlog, start_serving=False
+        )
 
     async def start(self) -> None:
         """Accept connections from now on. Raises OSError."""
         await self._server.start_serving()
+        for listening in self._server.sockets:  # asyncio takes the number that it accepts at once for this as well
+            with socket.socket(fileno=os.dup(listening.fileno())) as same:
+                same.listen(_WAITING)
         self.cleanup_task = asyncio.create_task(self._close_task_loop())
 
     async def stop(self) -> None:

@@ -1,21 +1,33 @@
-"""Decoding what clients send: a message must not make more than it holds.
+"""Decoding what clients send: a message must not make more than it holds, and one that is broken is told so.
 
 As it comes, asyncua takes an array of a million Nulls, which have no bytes of their own, at its word: six bytes keep
-the server busy for minutes.
+the server busy for minutes. A request that cannot be decoded it answers with BadInternalError and a traceback in the
+log.
 """
 
 from typing import Any
 
 from asyncua import ua
-from asyncua.common.utils import Buffer
+from asyncua.common.utils import Buffer, ServiceError
+from asyncua.server import uaprocessor
 from asyncua.ua import ua_binary
 
 _unpack = ua_binary.unpack_uatype_array
+_decode = ua_binary.struct_from_binary
 
 
-def bound_arrays() -> None:
-    """Have arrays that are longer than what is left of their message refused, in this process and for good."""
+def guard_decoding() -> None:
+    """Have what cannot be, or must not be, decoded refused, in this process and for good."""
     ua_binary.unpack_uatype_array = _bounded
+    uaprocessor.struct_from_binary = decoded
+
+
+def decoded(kind: Any, data: Buffer) -> Any:
+    """A structure of this kind. Raises ServiceError BadDecodingError, whatever it is that is wrong with the bytes."""
+    try:
+        return _decode(kind, data)
+    except Exception as error:  # asyncua raises what comes: struct.error, TypeError, RecursionError, …
+        raise ServiceError(ua.StatusCodes.BadDecodingError) from error
 
 
 def _bounded(kind: ua.VariantType, data: Buffer) -> list[Any] | None:

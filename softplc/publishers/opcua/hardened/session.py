@@ -3,15 +3,15 @@
 import dataclasses
 import math
 import os
+import sys
 from collections.abc import Sequence
 from typing import Any
 
-import structlog
 from asyncua import ua
 from asyncua.common.utils import ServiceError
 from asyncua.crypto.permission_rules import User, UserRole
 from asyncua.server.internal_server import InternalServer
-from asyncua.server.internal_session import InternalSession
+from asyncua.server.internal_session import InternalSession, SessionState
 from asyncua.server.user_managers import UserManager
 
 from softplc.publishers.opcua.access import Access
@@ -19,11 +19,14 @@ from softplc.publishers.opcua.fast.items import SweptItems
 from softplc.publishers.opcua.fast.reads import Reads
 from softplc.publishers.opcua.fast.sweep import Sweep
 from softplc.publishers.opcua.hardened.limits import Limits
+from softplc.publishers.opcua.hardened.places import (
+    anonymous_session_that_gives_way,
+    has_room,
+    session_that_gives_way,
+)
 from softplc.publishers.opcua.hardened.subscriptions import MonitoredItems, Subscriptions
 from softplc.publishers.opcua.hardened.view import Browser, ReferenceTypes
 from softplc.publishers.opcua.values import Watch, stamped
-
-log = structlog.get_logger(__name__)
 
 _ANONYMOUS = User(UserRole.Anonymous)
 _READ_WRITE = 1 << ua.AccessLevel.CurrentRead | 1 << ua.AccessLevel.CurrentWrite
@@ -41,6 +44,7 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
     def __init__(self, server: "ClosedServer", name: Any, user: Any) -> None:
         super().__init__(server, server.aspace, server.subscription_service, name, user=user, external=False)
         self.external = True
+        self.address = str(name[0])
         self.auth_token = ua.NodeId(os.urandom(32), 0, ua.NodeIdType.ByteString)
         self._browser = Browser(server.aspace, server.reference_types, server.limits)
         self.processor: Any = None  # the connection that the session is on; None when that was lost
@@ -53,16 +57,29 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
         return await super().create_session(params, sockname=sockname)
 
     def activate_session(self, params: Any, peer_certificate: Any) -> Any:
-        """ActivateSession; log-ins of named users are told, refused ones too."""
-        before = self.user
+        """ActivateSession; log-ins of named users are told, refused ones too; without one there must be room."""
+        before: Any = self.user
+        state: Any = self.state
         try:
             result = super().activate_session(params, peer_certificate)
         except ServiceError:
-            self.iserver.access.refused(str(self.name[0]))
+            self.iserver.access.refused(self.address)
             raise
+        if self.user.name is None and self.iserver.is_crowded_for(self):
+            self._undo_activation(before, state)
+            raise ServiceError(ua.StatusCodes.BadTooManySessions)
         if self.user.name != before.name and self.user.name is not None:
-            log.info("opcua log-in", user=self.user.name, address=str(self.name[0]))
+            self.iserver.access.logged_in(self.user.name, self.address)
         return result
+
+    def _undo_activation(self, user: Any, state: Any) -> None:
+        if state is SessionState.Created:
+            InternalSession._current_connections -= 1  # asyncua counts the whole process's, up to a thousand
+        self.user, self.state = user, state
+
+    async def close_session(self, delete_subs: bool = True) -> None:
+        """CloseSession; subscriptions outlive it only where a user can prove that they are his."""
+        await super().close_session(delete_subs or self.user.name is None)
 
     async def read(self, params: Any) -> list[Any]:
         """Read; UserAccessLevel is the session's own, timestamps are those asked for (asyncua: always both)."""
@@ -110,9 +127,13 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
 
     async def create_subscription(self, params: Any, callback: Any, request_callback: Any = None) -> Any:
         """CreateSubscription up to the limit of one session."""
-        if len(self._own()) >= self.iserver.limits.subscriptions_per_session:
+        limits = self.iserver.limits
+        if len(self.own()) >= limits.subscriptions_per_session or not self._has_room(subscriptions=1):
             raise ServiceError(ua.StatusCodes.BadTooManySubscriptions)
-        return await super().create_subscription(params, callback, request_callback)
+        result = await super().create_subscription(params, callback, request_callback)
+        sub = self.subscription_service.subscriptions[result.SubscriptionId]
+        sub.address, sub.user_name = self.address, self.user.name
+        return result
 
     def modify_subscription(self, params: Any) -> Any:
         """ModifySubscription of the session's own."""
@@ -121,43 +142,52 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
 
     async def delete_subscriptions(self, ids: Sequence[int]) -> list[Any]:
         """DeleteSubscriptions of the session's own; others do not exist."""
-        results = iter(await super().delete_subscriptions(own := [number for number in ids if number in self._own()]))
+        ids = ids or ()
+        results = iter(await super().delete_subscriptions(own := [number for number in ids if number in self.own()]))
         unknown = ua.StatusCode(ua.StatusCodes.BadSubscriptionIdInvalid)
         return [next(results) if number in own else unknown for number in ids]
 
     async def set_publishing_mode(self, params: Any) -> list[Any]:
         """SetPublishingMode of the session's own; others do not exist."""
-        own = self._own()
+        self.iserver.limits.check_operations(params.SubscriptionIds)
+        own = self.own()
         params.SubscriptionIds = [number if number in own else 0 for number in params.SubscriptionIds]
         return list(await super().set_publishing_mode(params))
 
     async def transfer_subscriptions(self, params: Any, callback: Any) -> list[Any]:
-        """TransferSubscriptions: refused, the client makes new ones; without encryption nobody proves who he is."""
-        code = ua.StatusCodes.BadUserAccessDenied
-        return [ua.TransferResult(ua.StatusCode(code)) for _ in params.SubscriptionIds]
+        """TransferSubscriptions to the same user's new session; who did not log in cannot prove who he is.
+
+        OPC 10000-4, 5.13.7: without log-in and encryption the answer shall be BadUserAccessDenied.
+        """
+        self.iserver.limits.check_operations(params.SubscriptionIds)
+        return [self.subscription_service.transfer(self, number, callback) for number in params.SubscriptionIds]
 
     async def create_monitored_items(self, params: Any) -> list[Any]:
         """CreateMonitoredItems on the session's own subscription, up to the limit of one session."""
         self.iserver.limits.check_operations(params.ItemsToCreate)
         self._check_own(params.SubscriptionId)
-        held = sum(len(sub.monitored_item_srv) for sub in self._own().values())
-        if held + len(params.ItemsToCreate) > self.iserver.limits.items_per_session:
+        held = sum(len(sub.monitored_item_srv) for sub in self.own().values())
+        wanted = len(params.ItemsToCreate)
+        if held + wanted > self.iserver.limits.items_per_session or not self._has_room(items=wanted):
             raise ServiceError(ua.StatusCodes.BadTooManyMonitoredItems)
         return list(await super().create_monitored_items(params))
 
     async def modify_monitored_items(self, params: Any) -> list[Any]:
         """ModifyMonitoredItems on the session's own subscription."""
         self._check_own(params.SubscriptionId)
+        self.iserver.limits.check_operations(params.ItemsToModify)
         return list(await super().modify_monitored_items(params))
 
     async def set_monitoring_mode(self, params: Any) -> list[Any]:
         """SetMonitoringMode on the session's own subscription."""
         self._check_own(params.SubscriptionId)
+        self.iserver.limits.check_operations(params.MonitoredItemIds)
         return list(await super().set_monitoring_mode(params))
 
     async def delete_monitored_items(self, params: Any) -> list[Any]:
         """DeleteMonitoredItems on the session's own subscription."""
         self._check_own(params.SubscriptionId)
+        self.iserver.limits.check_operations(params.MonitoredItemIds)
         return list(await super().delete_monitored_items(params))
 
     def republish(self, params: Any) -> Any:
@@ -167,7 +197,7 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
 
     def publish(self, acks: Any = None) -> tuple[int, list[Any]]:
         """Publish: acknowledges messages of the session's own subscriptions; their number limits the queue."""
-        own = self._own()
+        own = self.own()
         if not own:
             raise ServiceError(ua.StatusCodes.BadNoSubscription)
         results = []
@@ -176,14 +206,18 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
             results.append(ua.StatusCode(_acknowledge(sub, ack.SequenceNumber)))
         return len(own), results
 
-    def _own(self) -> dict[int, Any]:
+    def own(self) -> dict[int, Any]:
         """The session's subscriptions."""
         subscriptions = self.subscription_service.subscriptions
         return {number: sub for number, sub in subscriptions.items() if sub.session_id == self.session_id}
 
     def _check_own(self, subscription_id: int) -> None:
-        if subscription_id not in self._own():
+        if subscription_id not in self.own():
             raise ServiceError(ua.StatusCodes.BadSubscriptionIdInvalid)
+
+    def _has_room(self, *, subscriptions: int = 0, items: int = 0) -> bool:
+        everybodys = self.subscription_service.subscriptions.values()
+        return has_room(everybodys, self, subscriptions, items, self.iserver.limits)
 
     def _may_write(self, node_id: Any) -> bool:
         return bool(self.iserver.access.may_write(self.user, node_id))
@@ -221,10 +255,10 @@ class ClosedServer(InternalServer):  # type: ignore[misc]  # asyncua is untyped 
         self.allow_remote_admin = False
         self.disabled_clock = True  # server time comes from softplc's clock with every publish
         self.supported_tokens = (ua.AnonymousIdentityToken, ua.UserNameIdentityToken)
-        self.max_connections = limits.connections
+        self.max_connections = sys.maxsize  # counted by Protocol
         self.max_pending_messages_per_connection = 0  # bounded by not reading on, see Protocol
         self.max_pending_activation_seconds = limits.activation_seconds
-        self.max_subscriptions = limits.subscriptions
+        self.max_subscriptions = sys.maxsize  # counted by Session
         self.max_unacked_messages_per_subscription = limits.unacknowledged
         self.max_monitored_item_queue_size = limits.queue_size
         self.reference_types = ReferenceTypes(self.aspace)
@@ -242,22 +276,25 @@ class ClosedServer(InternalServer):  # type: ignore[misc]  # asyncua is untyped 
         return SweptItems(sub, self.aspace, self.watch, self.sweep)
 
     async def make_room(self, address: str) -> None:
-        """Room for one more session from this address; one whose connection was lost gives way.
+        """Room for one more session from this address. Raises ServiceError BadTooManySessions."""
+        room, weakest = session_that_gives_way(self._external_sessions.values(), address, self.limits)
+        if not room:
+            raise ServiceError(ua.StatusCodes.BadTooManySessions)
+        if weakest is not None:
+            await weakest.close_session()
 
-        Raises ServiceError BadTooManySessions.
-        """
-        sessions = list(self._external_sessions.values())
-        same = [session for session in sessions if session.name[0] == address]
-        crowd: list[Session] = []
-        if len(same) >= self.limits.sessions_per_address:
-            crowd = same
-        elif len(sessions) >= self.limits.sessions:
-            crowd = sessions
-        if crowd:
-            lost = [session for session in crowd if session.processor is None]
-            if not lost:
-                raise ServiceError(ua.StatusCodes.BadTooManySessions)
-            await min(lost, key=lambda session: session._last_activity).close_session()
+    async def make_room_for(self, token: Any) -> None:
+        """If there is no place without a log-in for this token's session, one whose connection was lost gives way."""
+        session = self._external_sessions.get(token)
+        if session is not None:
+            _, weakest = anonymous_session_that_gives_way(self._external_sessions.values(), session, self.limits)
+            if weakest is not None:
+                await weakest.close_session()
+
+    def is_crowded_for(self, session: Session) -> bool:
+        """There is no place for this session without a log-in."""
+        room, weakest = anonymous_session_that_gives_way(self._external_sessions.values(), session, self.limits)
+        return not room or weakest is not None
 
     async def stop(self) -> None:
         """Close what clients left open, then the rest."""

@@ -13,6 +13,10 @@ from softplc.publishers.opcua.values import Watch
 
 _SLOWEST_SAMPLING: Final = 3600.0  # seconds
 
+# asyncua names a logger after every subscription, below this one; unless this one is there, logging's place holder
+# for it keeps them all for ever.
+logging.getLogger(MonitoredItemService.__module__)
+
 
 class Subscriptions(SubscriptionService):  # type: ignore[misc]  # asyncua is untyped here
     """asyncua: a publishing interval of NaN never publishes and one of 0 publishes every change on its own; the
@@ -35,6 +39,23 @@ class Subscriptions(SubscriptionService):  # type: ignore[misc]  # asyncua is un
         sub.most_notifications = params.MaxNotificationsPerPublish
         sub.monitored_item_srv = self.iserver.monitored_items(sub)
         return result
+
+    def transfer(self, session: Any, number: int, callback: Any) -> Any:
+        """Make a subscription this session's, if it is the same user's; `callback` sends its notifications."""
+        limits, sub = self.iserver.limits, self.subscriptions.get(number)
+        if sub is None:
+            return ua.TransferResult(ua.StatusCode(ua.StatusCodes.BadSubscriptionIdInvalid))
+        if sub.session_id == session.session_id:
+            return ua.TransferResult(ua.StatusCode(ua.StatusCodes.BadNothingToDo))
+        if session.user.name is None or sub.user_name != session.user.name:
+            return ua.TransferResult(ua.StatusCode(ua.StatusCodes.BadUserAccessDenied))
+        held = session.own().values()
+        items = sum(len(own.monitored_item_srv) for own in held) + len(sub.monitored_item_srv)
+        if len(held) >= limits.subscriptions_per_session or items > limits.items_per_session:
+            return ua.TransferResult(ua.StatusCode(ua.StatusCodes.BadTooManySubscriptions))
+        sub.session_id, sub.address = session.session_id, session.address
+        sub.pub_result_callback, sub.pub_request_callback = callback, session.processor.get_publish_request
+        return ua.TransferResult(ua.StatusCode(), sorted(sub._not_acknowledged_results))
 
     def republish(self, params: Any) -> Any:
         """The message with this sequence number, kept until it is acknowledged. Raises ServiceError."""
@@ -67,7 +88,6 @@ class MonitoredItems(MonitoredItemService):  # type: ignore[misc]  # asyncua is 
 
     def __init__(self, isub: Any, aspace: Any, watch: Watch) -> None:
         super().__init__(isub, aspace)
-        # asyncua names a logger after every subscription, and logging keeps each for ever
         logging.Logger.manager.loggerDict.pop(self.logger.name, None)
         self._watch = watch
         self._sampling: dict[int, Sampling] = {}
