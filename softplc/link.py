@@ -22,6 +22,7 @@ import structlog
 from softplc.clock import Clock
 from softplc.errors import LinkError
 from softplc.interfaces import Driver
+from softplc.life import Life
 from softplc.link_log import Told
 from softplc.sample import StatusCode, is_bad, status_name
 from softplc.tags import Image
@@ -66,8 +67,10 @@ class Link:
         clock: Clock,
         timeout: float,
         connect_timeout: float,
+        life: Life | None = None,
     ) -> None:
         self.name = name
+        self.life = life or Life()
         self.statistics = LinkStatistics()
         self.samples = Image(len(readings))
         self._make_driver = make_driver
@@ -139,6 +142,7 @@ class Link:
                 self.statistics.off_scan = self._missed >= _OFF_SCAN_AFTER
             statuses = inputs.statuses[start : start + len(self.samples)]
             statuses[statuses < np.uint32(StatusCode.BAD)] = StatusCode.UNCERTAIN_LAST_USABLE_VALUE
+        self.life.lower(inputs, start, start + len(self.samples), self._answered)
 
     def put(self, position: int, value: float) -> None:
         """Have a value written; one that is still waiting is replaced by it."""
@@ -200,6 +204,7 @@ class Link:
         self._answered = self._late = self._slow = self.statistics.off_scan = False
         self._missed = 0
         self._pending.clear()
+        self.life.pause()
         self._turn = asyncio.Lock()
         self.samples.fail(StatusCode.BAD_NO_COMMUNICATION)
         self._close(driver)
@@ -245,6 +250,8 @@ class Link:
         self.statistics.reads += 1
         self.statistics.read_time = now - begun
         self.statistics.last_read = now
+        self.life.look(self.samples, now, self._clock.utc_ns())
+        self._told.life(self.life, self._readings)
         self._answered, self._slow = not self._late, self._late
         if now - begun <= self._patience:
             self._missed, self.statistics.off_scan = 0, False

@@ -72,6 +72,11 @@ class Reason(IntEnum):
     INNOVATION_GATE = 16  # the sample lies too far from the prediction to be believed; predicted instead
     HELD_AT_STOP = 17  # the estimate reached an end stop before the axis did and waits there for the contact
     FAR_OFF = 18  # the measurement is a thousand σ from the prediction: one of the two is not to be believed
+    RATE_EXCEEDED = 19  # the sample is further from the last one than the axis can have moved
+    SETTLING = 20  # fresh samples after an outage; the estimate settles
+    PASSED_THROUGH = 21  # no sample that can be used as a measurement; the number is passed through
+    STAMP_FROZEN = 22  # the source's timestamp of this sample stands still
+    PROGRAM_STOPPED = 23  # the heartbeat of the source's program stands still
 
 
 REASON_TEXT: Final[dict[Reason, str]] = {
@@ -94,6 +99,11 @@ REASON_TEXT: Final[dict[Reason, str]] = {
     Reason.INNOVATION_GATE: "innovation beyond the gate, sample rejected",
     Reason.HELD_AT_STOP: "estimate waits at the end stop for the contact",
     Reason.FAR_OFF: "measurement and prediction are a thousand sigma apart",
+    Reason.RATE_EXCEEDED: "faster than the axis can move, rejected",
+    Reason.SETTLING: "fresh samples after an outage, the estimate settles",
+    Reason.PASSED_THROUGH: "input not usable as a measurement, passed through",
+    Reason.STAMP_FROZEN: "the source's timestamp stands still",
+    Reason.PROGRAM_STOPPED: "the heartbeat of the source's program stands still",
 }
 
 

@@ -193,6 +193,9 @@ class Axis(Model):
     """predict: a value unchanged for so long on a live link is held, and counts as a measurement, ms."""
     reinit_after_ms: Annotated[float, Field(ge=1, le=3_600_000)] = 1000.0
     """A gap longer than this, beside the period, starts the observer anew; a shorter one is one long step, ms."""
+    stale_after_ms: Annotated[float, Field(ge=1, le=3_600_000)] | None = None
+    """For sources that stamp every sample, changed or not: a source timestamp that stands still for so long makes the
+    input Uncertain, for three times as long Bad, ms. Leave it out where a held value keeps its timestamp."""
     contact: SourceTag | None = None
     """A Boolean tag, a limit switch or a force, that is not 0 while the axis touches its stop; for ducekf."""
     writable_tuning: bool = False

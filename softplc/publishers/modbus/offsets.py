@@ -80,9 +80,11 @@ SOURCE: Final = Frame(
         "WriteErrors": 10,
         "ReadTime": 12,
         "Age": 14,
+        "Heartbeat": 19,
     },
     (),
-    range(16, 20),
+    range(16, 19),
+    frozenset({"Skew"}),
 )
 AXIS: Final = Frame(
     AXES,
