@@ -53,9 +53,9 @@ def free_port() -> int:
 
 def scan_process(config_json: str, buffer: Any, record: Any, stop: Any) -> None:
     """softplc's scans as its own process runs them, and where they start."""
+    from softplc.app.garbage import freeze_garbage
     from softplc.app.layout import build_layout
     from softplc.app.logs import configure_logs
-    from softplc.app.realtime import freeze_garbage
     from softplc.app.scan_process import build_tasks, start_tasks
     from softplc.clock import SystemClock
     from softplc.config.models import Config

@@ -1,8 +1,9 @@
 """The only module that asks what time it is: SystemClock for a plant, VirtualClock for tests and replay.
 
 SystemClock wakes by timerfd in the event loop. `asyncio.sleep` rounds up to epoll's milliseconds and is late
-by 0.7 to 1.4 ms in the median; a timerfd with an absolute deadline is late by 0.1 to 0.2 ms on stock Linux
-(bench/wakeup.py measures it here). Where there is no timerfd, `loop.call_at` serves.
+by 0.7 to 1.4 ms in the median; a timerfd with an absolute deadline is late by 0.1 to 0.2 ms on stock Linux, most of
+which is always the same and can be set the alarm ahead by (bench/wakeup.py measures it here). Where there is no
+timerfd, `loop.call_at` serves.
 """
 
 import asyncio
@@ -15,6 +16,9 @@ from collections.abc import Callable
 from itertools import count
 from typing import Protocol
 
+_LEAD_MOST = 200e-6  # seconds that the alarm is set ahead at most …
+_LEAD_SHARE = 0.01  # … and as a part of the time to sleep: what is too early is waited for in a busy loop
+_LEAD_STEP = 10e-6
 _SETTLE_TURNS = 20  # turns of the loop that everyone gets before virtual time moves on
 
 
@@ -66,11 +70,16 @@ class _Sleepers:
 
 
 class SystemClock:
-    """The machine's clocks, and wake-ups by timerfd where the system has it."""
+    """The machine's clocks, and wake-ups by timerfd where the system has it.
+
+    The alarm is set ahead by the median of how late it was so far; nobody is woken before his deadline.
+    """
 
     def __init__(self) -> None:
         self._sleepers = _Sleepers()
         self._armed: float | None = None
+        self._late = 0.0  # median, seconds
+        self._lead = 0.0
         self._alarm: _TimerFd | _LoopTimer | None = None
 
     def monotonic(self) -> float:
@@ -100,11 +109,16 @@ class SystemClock:
         if self._alarm is None:
             self._alarm = _open_alarm(self._on_alarm)
         self._armed = deadline
-        self._alarm.arm(deadline)
+        self._lead = max(min(self._late, _LEAD_MOST, _LEAD_SHARE * (deadline - time.monotonic())), 0.0)
+        self._alarm.arm(deadline - self._lead)
 
     def _on_alarm(self) -> None:
-        self._armed = None
-        self._sleepers.wake(time.monotonic())
+        now, deadline, self._armed = time.monotonic(), self._armed, None
+        if deadline is not None:
+            self._late += _LEAD_STEP if now > deadline - self._lead + self._late else -_LEAD_STEP
+            while now < deadline:
+                now = time.monotonic()
+        self._sleepers.wake(now)
         self._arm()
 
 

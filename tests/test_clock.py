@@ -66,6 +66,15 @@ async def test_the_system_clock_wakes_after_the_deadline_and_in_order_of_deadlin
     assert woken == [-1.0, 0.02, 0.04, 0.06]
 
 
+async def test_an_alarm_that_is_set_ahead_still_wakes_nobody_before_the_deadline():
+    clock = SystemClock()
+    for _ in range(60):  # enough for it to learn how late it is
+        deadline = clock.monotonic() + 0.005
+        await clock.sleep_until(deadline)
+        assert clock.monotonic() >= deadline
+    clock.close()
+
+
 async def test_an_earlier_sleeper_rearms_a_timer_that_was_set_for_a_later_one():
     clock = SystemClock()
     late = asyncio.create_task(clock.sleep_until(clock.monotonic() + 30.0))

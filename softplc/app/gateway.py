@@ -9,9 +9,9 @@ from typing import Any
 import structlog
 
 from softplc.app.child import run_child
+from softplc.app.garbage import freeze_garbage
 from softplc.app.layout import build_layout
 from softplc.app.logs import configure_logs
-from softplc.app.realtime import freeze_garbage
 from softplc.clock import SystemClock
 from softplc.config.models import Config
 from softplc.exchange import Reader

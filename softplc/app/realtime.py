@@ -1,7 +1,6 @@
 """The real-time options of the scan process; each that is not permitted is one clear warning and nothing more."""
 
 import ctypes
-import gc
 import os
 import sys
 
@@ -22,13 +21,6 @@ def apply_realtime(options: RealTime) -> None:
         _set_fifo(options.fifo_priority)
     if options.lock_memory:
         _lock_memory()
-
-
-def freeze_garbage() -> None:
-    """Collect once, then hide all that is left from the collector; a full collection over it costs 100 ms."""
-    gc.collect()
-    gc.freeze()
-    gc.set_threshold(50_000, 20, 100)
 
 
 def _set_affinity(cpus: tuple[int, ...]) -> None:

@@ -9,11 +9,12 @@ from typing import Any
 import structlog
 
 from softplc.app.child import run_child
+from softplc.app.garbage import Slack, freeze_garbage
 from softplc.app.layout import Layout, SourceLayout, TaskLayout, build_layout
 from softplc.app.logs import configure_logs
 from softplc.app.notify import Watchdog, watchdog_interval
 from softplc.app.observing import build_observer
-from softplc.app.realtime import apply_realtime, freeze_garbage
+from softplc.app.realtime import apply_realtime
 from softplc.clock import Clock, SystemClock
 from softplc.config.models import Config, KernelChoice
 from softplc.config.remarks import remarks
@@ -44,14 +45,15 @@ async def _scan(config: Config, buffer: Any, connection: "Connection[Any, Any]",
     layout = build_layout(config)
     tasks = build_tasks(layout, Writer(buffer, layout.table), clock, config.realtime.kernel)
     watchdog = Watchdog(len(tasks), watchdog_interval())
+    slack = Slack(clock) if config.realtime.gc_freeze else None
     for number, task in enumerate(tasks):
-        task.on_scan = _beat(watchdog, number)
+        task.on_scan = _scanned(watchdog, number, slack)
     apply_realtime(config.realtime)
     connection.send(("ready", {}))
     try:
         async with asyncio.TaskGroup() as group:
             running = start_tasks(group, tasks)
-            if config.realtime.gc_freeze:
+            if slack is not None:
                 freeze_garbage()
             await stop.wait()
             for coroutine in running:
@@ -133,5 +135,10 @@ def _build_link(layout: SourceLayout, clock: Clock, period: float) -> Link:
     return Link(source.name, make, *names, clock, timeout, connect_timeout, layout.life())
 
 
-def _beat(watchdog: Watchdog, number: int) -> Callable[[Scan], None]:
-    return lambda scan: watchdog.beat(number, scan.start)
+def _scanned(watchdog: Watchdog, number: int, slack: Slack | None) -> Callable[[Scan], None]:
+    def scanned(scan: Scan) -> None:
+        watchdog.beat(number, scan.start)
+        if slack is not None:
+            slack.after(scan)
+
+    return scanned

@@ -270,7 +270,7 @@ class RealTime(Model):
     lock_memory: bool = False
     """mlockall: no page of the scan process is swapped out (CAP_IPC_LOCK)."""
     gc_freeze: bool = True
-    """Take what exists at start out of the garbage collector's sight."""
+    """Take what exists at start out of the garbage collector's sight, and collect the rest between scans only."""
     kernel: KernelChoice = "auto"
     """How the AOI computes, with the same bits either way. compiled needs the extra of that name and compiles before
     the first scan; auto does so from 10 000 axes in one task, where it is installed."""

@@ -1,11 +1,10 @@
-import gc
 import os
 import subprocess
 import sys
 
 import structlog
 
-from softplc.app.realtime import apply_realtime, freeze_garbage
+from softplc.app.realtime import apply_realtime
 from softplc.config.models import RealTime
 
 
@@ -49,12 +48,3 @@ def test_without_permission_each_option_is_a_warning_with_its_cure():
     assert "CAP_SYS_NICE" in lines[0]
     assert "realtime.lock_memory" in lines[1]
     assert "CAP_IPC_LOCK" in lines[1]
-
-
-def test_freezing_hides_what_exists_from_the_collector():
-    try:
-        freeze_garbage()
-        assert gc.get_freeze_count() > 1000
-    finally:
-        gc.unfreeze()
-        gc.set_threshold(700, 10, 10)
