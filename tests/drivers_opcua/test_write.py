@@ -87,4 +87,5 @@ async def test_a_variable_whose_type_changed_is_written_as_the_new_type_soon_aft
         image = await read(driver, 1)
         await read_until(driver, image, lambda: not driver.problems)
         assert await driver.write({0: 3.0}) == {0: 0}
+    async with opened(plc.url, [f"{AXIS}.Changing"]) as driver:
         assert (await read(driver, 1)).values[0] == 3.0
