@@ -74,7 +74,7 @@ async def test_steps_add_up_to_the_time_that_passed_whatever_the_stamps_say(plc:
             for name in own:
                 judge(name, axes.history[name][marks[name] :], mode)
             for offset in (CENTURIES, HOUR, timedelta()):  # the newest of those that moved
-                plc.write("Right_scan", number(0.0, SourceTimestamp=datetime.now(UTC) + offset))
+                plc.write("Right_scan", number(offset.total_seconds(), SourceTimestamp=datetime.now(UTC) + offset))
                 away = offset.total_seconds()
                 await axes.until(lambda away=away: abs(axes.value("Sources.plc.Skew") - away) < 5.0, f"Skew {away}")
 
