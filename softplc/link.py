@@ -22,6 +22,7 @@ import structlog
 from softplc.clock import Clock
 from softplc.errors import LinkError
 from softplc.interfaces import Driver
+from softplc.life import Life
 from softplc.link_log import Told
 from softplc.link_write import Writing
 from softplc.log_limit import LogLimit
@@ -64,8 +65,10 @@ class Link:
         clock: Clock,
         timeout: float,
         connect_timeout: float,
+        life: Life | None = None,
     ) -> None:
         self.name = name
+        self.life = life or Life()
         self.statistics = LinkStatistics()
         self.samples = Image(len(readings))
         self._make_driver = make_driver
@@ -134,6 +137,7 @@ class Link:
                 self.statistics.off_scan = self._missed >= _OFF_SCAN_AFTER
             statuses = inputs.statuses[start : start + len(self.samples)]
             statuses[statuses < np.uint32(StatusCode.BAD)] = StatusCode.UNCERTAIN_LAST_USABLE_VALUE
+        self.life.lower(inputs, start, start + len(self.samples), self._answered)
 
     def put(self, position: int, value: float, until: float = float("inf")) -> None:
         """Have a value written while it is valid, which is `until` this monotonic time; the newest only."""
@@ -180,6 +184,7 @@ class Link:
         self.writing.drop()
         self._answered = self._late = self._slow = self.statistics.off_scan = False
         self._missed = 0
+        self.life.pause()
         self._turn = asyncio.Lock()
         self.samples.fail(StatusCode.BAD_NO_COMMUNICATION)
         self._close(driver)
@@ -226,6 +231,8 @@ class Link:
         self.statistics.reads += 1
         self.statistics.read_time = now - begun
         self.statistics.last_read = now
+        self.life.look(self.samples, now, self._clock.utc_ns())
+        self._told.life(self.life, self._readings)
         self._answered, self._slow = not self._late, self._late
         if now - begun <= self._patience:
             self._missed, self.statistics.off_scan = 0, False

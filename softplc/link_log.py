@@ -7,11 +7,14 @@ import structlog
 from numpy.typing import NDArray
 
 from softplc.clock import Clock
+from softplc.life import Life
 from softplc.sample import StatusCode, status_name
 
 _LOGGED_PER_MINUTE = 6  # changes of a flapping link that are logged; the others are counted
 
 log = structlog.get_logger("softplc.link")
+
+_CLOCK_TOLD_EVERY = 60.0  # seconds between two lines about the source's clock
 
 _NO_DATA = (StatusCode.BAD_WAITING_FOR_INITIAL_DATA, StatusCode.BAD_NO_COMMUNICATION)
 
@@ -28,6 +31,8 @@ class Told:
         self._suppressed = 0
         self._unsaid: tuple[str, str, dict[str, object]] | None = None
         self._words: set[str] = set()
+        self._stopped = self._ahead = False
+        self._clock_told = float("-inf")
 
     def up(self) -> None:
         """Tell that the link is up, and for how long it was not."""
@@ -55,6 +60,25 @@ class Told:
             elif not no_data[position]:
                 self._tell("tag good again", "info", tag=names[int(position)])
         return bool(changed.any())
+
+    def life(self, life: Life, names: Sequence[str]) -> None:
+        """Tell that the program stopped or runs again, that the source's clock is ahead of ours, or went back."""
+        if life.heartbeat is not None and life.heartbeat.stopped != self._stopped:
+            self._stopped = life.heartbeat.stopped
+            event = "program stopped: its heartbeat stands still" if self._stopped else "program runs again"
+            self._tell(event, "warning" if self._stopped else "info")
+        if life.stamps is None:
+            return
+        back, ahead = life.stamps.backwards, life.stamps.ahead
+        news = back is not None or (ahead and not self._ahead)
+        self._ahead = ahead
+        now = self._clock.monotonic()
+        if news and now - self._clock_told >= _CLOCK_TOLD_EVERY:
+            self._clock_told = now
+            if back is not None:
+                self._tell("source timestamp went back", "warning", tag=names[back[0]], seconds=round(back[1], 6))
+            else:
+                self._tell("source clock is ahead of ours", "warning", seconds=round(life.stamps.skew, 3))
 
     def words(self, event: str, texts: Sequence[str]) -> None:
         """Tell texts that were not told before."""

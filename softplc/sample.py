@@ -75,6 +75,8 @@ class Reason(IntEnum):
     RATE_EXCEEDED = 19  # faster than the axis can move, rejected before the observer
     SETTLING = 20  # samples are fresh again after an outage; there are too few of them yet
     PASSED_THROUGH = 21  # the input is no measurement; its number is shown as it is
+    STAMP_FROZEN = 22  # the source's timestamp of this sample stands still
+    PROGRAM_STOPPED = 23  # the heartbeat of the source's program stands still
 
 
 REASON_TEXT: Final[dict[Reason, str]] = {
@@ -100,6 +102,8 @@ REASON_TEXT: Final[dict[Reason, str]] = {
     Reason.RATE_EXCEEDED: "faster than the axis can move, rejected",
     Reason.SETTLING: "fresh samples after an outage, the estimate settles",
     Reason.PASSED_THROUGH: "input not usable as a measurement, passed through",
+    Reason.STAMP_FROZEN: "the source's timestamp stands still",
+    Reason.PROGRAM_STOPPED: "the heartbeat of the source's program stands still",
 }
 
 

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
 import structlog
 
 from softplc.clock import Clock
@@ -55,12 +56,18 @@ def task_tags(name: str) -> tuple[Tag, ...]:
     )
 
 
-def source_tags(name: str) -> tuple[Tag, ...]:
-    """The published statistics of one source's link."""
+def source_tags(name: str, heartbeat: bool = False, skew: bool = False) -> tuple[Tag, ...]:
+    """The published statistics of one source's link; `heartbeat` and `skew` where it has them."""
 
     def tag(leaf: str, unit: str, description: str, data_type: DataType = DataType.UINT32) -> Tag:
         return Tag(f"Sources.{name}.{leaf}", unit, description, data_type=data_type)
 
+    more: list[Tag] = []
+    if heartbeat:
+        more.append(tag("Heartbeat", "", "The heartbeat of the source's program moves", DataType.BOOLEAN))
+    if skew:
+        what = "Source clock minus ours: newest timestamp that moved, against its arrival"
+        more.append(tag("Skew", "s", what, DataType.DOUBLE))
     return (
         tag("Connected", "", "The link is up", DataType.BOOLEAN),
         tag("OffScan", "", "The device answers too late; no scan waits for it", DataType.BOOLEAN),
@@ -72,6 +79,7 @@ def source_tags(name: str) -> tuple[Tag, ...]:
         tag("WriteMismatches", "", "Times that another value was read back than written", DataType.UINT16),
         tag("ReadTime", "s", "Duration of the last successful read", DataType.DOUBLE),
         tag("Age", "s", "Time since the last successful read", DataType.DOUBLE),
+        *more,
     )
 
 
@@ -259,9 +267,11 @@ class CyclicTask:
             place.link.writing.mismatches % 65536,
             counted.read_time,
             0.0 if counted.last_read > scan.start else scan.start - counted.last_read,  # read within this scan
+            *place.link.life.tags(counted.connected),
         )
-        if counted.last_read != counted.last_read:  # NaN: never read
-            self.outputs.statuses[place.block.stop - 1] = StatusCode.BAD_WAITING_FOR_INITIAL_DATA
+        values = self.outputs.values[place.block.start : place.block.stop]
+        missing = place.block.start + np.flatnonzero(np.isnan(values))  # never read, no timestamp yet
+        self.outputs.statuses[missing] = StatusCode.BAD_WAITING_FOR_INITIAL_DATA
 
     def _publish_task(self, scan: Scan, execution: float) -> None:
         self.statistics.add(scan, execution)

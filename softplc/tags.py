@@ -127,17 +127,19 @@ class Image:
     """The process image: samples as a structure of arrays.
 
     `values` float64[n], `statuses` uint32[n] raw StatusCodes, `source_timestamps` int64[n] ns UTC (0: none),
-    `arrivals` float64[n] monotonic seconds at which each sample reached us (NaN: never). A new image waits for
-    its first data: NaN, BadWaitingForInitialData.
+    `arrivals` float64[n] monotonic seconds at which each sample reached us (NaN: never), `causes` uint8[n] the
+    Reason for which we gave a sample another status than its source did (0: we did not). A new image waits for its
+    first data: NaN, BadWaitingForInitialData.
     """
 
-    __slots__ = ("arrivals", "source_timestamps", "statuses", "values")
+    __slots__ = ("arrivals", "causes", "source_timestamps", "statuses", "values")
 
     def __init__(self, n: int) -> None:
         self.values: NDArray[np.float64] = np.full(n, np.nan)
         self.statuses: NDArray[np.uint32] = np.full(n, StatusCode.BAD_WAITING_FOR_INITIAL_DATA, np.uint32)
         self.source_timestamps: NDArray[np.int64] = np.full(n, NO_TIMESTAMP, np.int64)
         self.arrivals: NDArray[np.float64] = np.full(n, np.nan)
+        self.causes: NDArray[np.uint8] = np.zeros(n, np.uint8)
 
     def __len__(self) -> int:
         return len(self.values)
@@ -156,6 +158,7 @@ class Image:
         self.statuses[start:stop] = other.statuses
         self.source_timestamps[start:stop] = other.source_timestamps
         self.arrivals[start:stop] = other.arrivals
+        self.causes[start:stop] = other.causes
 
     def sample(self, index: int) -> Sample:
         """One sample out of the arrays."""

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from softplc.app.hints import Looked, hints, usable
 from softplc.app.layout import SourceLayout, TaskLayout, build_layout
 from softplc.clock import Clock, SystemClock
 from softplc.config.models import Config
@@ -14,6 +15,8 @@ from softplc.sample import Sample, StatusCode, quality, status_name
 from softplc.tags import Image
 
 _FIRST_DATA = 5.0  # seconds that a subscription gets for its first values
+_LOOK = 1.0  # seconds that every source is looked at after that
+_LOOKS = 20  # reads in this time, at the most
 
 
 def describe(config: Config) -> list[dict[str, Any]]:
@@ -53,10 +56,12 @@ def missing_secrets(config: Config) -> list[str]:
 
 
 def read_once(config: Config) -> tuple[list[dict[str, Any]], list[str]]:
-    """One row for each tag that softplc would read: value, unit, status, source timestamp, age in seconds.
+    """One row for each tag that softplc would read: value, unit, status, source timestamp, age in seconds, and how
+    many new samples a second came while it was looked at (at most 20 looks).
 
     A source that cannot be reached gives rows with the reason under `error`. The texts beside the rows are what the
-    drivers have to say: what is wrong with a tag, and what works, but not as one would wish.
+    drivers have to say: what is wrong with a tag, and what works, but not as one would wish; and which values cannot
+    be meant, with what would make sense instead.
     """
     return asyncio.run(_read_once(config))
 
@@ -64,11 +69,12 @@ def read_once(config: Config) -> tuple[list[dict[str, Any]], list[str]]:
 async def _read_once(config: Config) -> tuple[list[dict[str, Any]], list[str]]:
     clock = SystemClock()
     units = {f"{axis.name}.Raw": axis.unit for axis in config.axes}
+    ranges = {f"{axis.name}.Raw": axis.range for axis in config.axes}
     layout = build_layout(config)
     sources = [(task, source) for task in layout.tasks for source in task.sources]
     try:
         results = await asyncio.gather(
-            *(_read_source(task, source, units, clock) for task, source in sources), return_exceptions=True
+            *(_read_source(task, source, units, ranges, clock) for task, source in sources), return_exceptions=True
         )
     finally:
         clock.close()
@@ -84,7 +90,11 @@ async def _read_once(config: Config) -> tuple[list[dict[str, Any]], list[str]]:
 
 
 async def _read_source(
-    task: TaskLayout, layout: SourceLayout, units: dict[str, str], clock: Clock
+    task: TaskLayout,
+    layout: SourceLayout,
+    units: dict[str, str],
+    ranges: dict[str, tuple[float, float] | None],
+    clock: Clock,
 ) -> tuple[list[dict[str, Any]], list[str]]:
     source = layout.source
     image = Image(len(layout.readings))
@@ -94,10 +104,14 @@ async def _read_source(
         raise ConfigError(f"source {source.name}: {problem}") from problem
     error = ""
     texts: list[str] = []
+    changes = [0.0] * len(layout.readings)
+    pairs = zip(layout.reading_names, layout.readings, strict=True)
+    looked = [Looked(name, tag, ranges.get(name)) for name, tag in pairs]
     try:
         async with asyncio.timeout(getattr(source, "connect_timeout_ms", 10_000.0) / 1e3):
             await driver.open()
         await _first_data(driver, image, clock)
+        changes = await _look(driver, image, looked, clock, task.task.period_ms / 1e3)
     except (LinkError, TimeoutError) as problem:
         error = str(problem) or "no answer within the time limit"
         image.fail(StatusCode.BAD_NO_COMMUNICATION)
@@ -106,8 +120,12 @@ async def _read_source(
     finally:
         await driver.close()
     now = clock.utc_ns()
+    if not error:
+        positions = [each for each in looked if each.name in ranges]
+        texts += await hints(source, positions, clock, task.task.period_ms / 1e3)
     rows = [
         _row(name, source.name, str(tag), units.get(name, ""), image.sample(position), now, error)
+        | {"new_per_s": changes[position]}
         for position, (name, tag) in enumerate(zip(layout.reading_names, layout.readings, strict=True))
     ]
     return rows, texts
@@ -122,6 +140,31 @@ async def _first_data(driver: Any, image: Image, clock: Clock) -> None:
         if not waiting or clock.monotonic() > deadline:
             return
         await clock.sleep_until(clock.monotonic() + 0.05)
+
+
+async def _look(driver: Any, image: Image, looked: list[Looked], clock: Clock, period: float) -> list[float]:
+    """Read for a while, keeping what was seen; new samples a second of each tag."""
+    begun = clock.monotonic()
+    counts = [0] * len(looked)
+    before = [_news(image, position) for position in range(len(looked))]
+    while clock.monotonic() - begun < _LOOK:
+        await clock.sleep_until(clock.monotonic() + max(period, _LOOK / _LOOKS))
+        await driver.read(image)
+        for position, each in enumerate(looked):
+            if not usable(image, position):
+                continue
+            each.values.append(float(image.values[position]))
+            stamp = int(image.source_timestamps[position])
+            each.ahead = (stamp - clock.utc_ns()) / 1e9 if stamp else 0.0
+            news = _news(image, position)
+            counts[position] += news != before[position]
+            before[position] = news
+    seconds = max(clock.monotonic() - begun, 1e-9)
+    return [round(count / seconds, 1) for count in counts]
+
+
+def _news(image: Image, position: int) -> tuple[float, int]:
+    return float(image.values[position]), int(image.statuses[position])
 
 
 def _row(name: str, source: str, tag: str, unit: str, sample: Sample, now: int, error: str) -> dict[str, Any]:

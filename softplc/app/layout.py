@@ -12,6 +12,7 @@ from typing import Any
 
 from softplc.config.axis import Axis, WriteBack
 from softplc.config.models import Config, Source, Task
+from softplc.life import Heartbeat, Life, Stamps
 from softplc.observers.aoi import AoiConfig
 from softplc.observers.axes import AxisPlace, AxisSpec, axis_tags, leaves_of
 from softplc.scan import source_tags, task_tags
@@ -29,6 +30,16 @@ class SourceLayout:
     reading_names: list[str] = field(default_factory=list)
     writings: list[Any] = field(default_factory=list)
     writing_names: list[str] = field(default_factory=list)
+    stale_after: dict[int, float] = field(default_factory=dict)  # seconds, by position of the reading
+    heartbeat: int | None = None  # its position among the readings
+
+    def life(self) -> Life:
+        """What a link needs to tell whether this source lives."""
+        settings = getattr(self.source, "heartbeat", None)
+        heartbeat = None
+        if settings is not None and self.heartbeat is not None:
+            heartbeat = Heartbeat(self.heartbeat, settings.timeout_ms / 1000.0)
+        return Life(heartbeat, Stamps(len(self.readings), self.stale_after) if _tells_time(self.source) else None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +140,14 @@ def _lay_out_task(
         for write_back in axis.write_back:
             if write_back.verify:
                 _read(used, write_back.tag, f"{axis.name}.{write_back.output}.ReadBack")
+        if axis.stale_after_ms is not None:
+            _limit_age(used[axis.input.source], axis.input, axis.stale_after_ms / 1000.0)
+    for source in used.values():
+        beat = getattr(source.source, "heartbeat", None)
+        if beat is not None:
+            tag = beat.tag(source.source.name)
+            _read(used, tag, f"Sources.{source.source.name}.Heartbeat")
+            source.heartbeat = source.readings[tag]
     start = 0
     for source in used.values():
         source.start = start
@@ -163,7 +182,23 @@ def _sources_of(table: TagTable, axes: Sequence[Axis], sources: dict[str, Source
         names.update((tag.source, None) for tag, _ in _inputs(axis))
         for write_back in axis.write_back:
             names[write_back.tag.source] = None
-    return {name: SourceLayout(sources[name], table.add_block(name, "source", source_tags(name))) for name in names}
+    layouts: dict[str, SourceLayout] = {}
+    for name in names:
+        source = sources[name]
+        tags = source_tags(name, getattr(source, "heartbeat", None) is not None, _tells_time(source))
+        layouts[name] = SourceLayout(source, table.add_block(name, "source", tags))
+    return layouts
+
+
+def _tells_time(source: Source) -> bool:
+    """Its samples carry timestamps of its own clock."""
+    return getattr(source, "tells_time", False)
+
+
+def _limit_age(source: SourceLayout, tag: Any, seconds: float) -> None:
+    """Of two axes with the same input the shorter limit holds for both."""
+    position = source.readings[tag]
+    source.stale_after[position] = min(seconds, source.stale_after.get(position, seconds))
 
 
 def _read(used: dict[str, SourceLayout], tag: Any, name: str) -> None:

@@ -133,7 +133,8 @@ def _build_link(layout: SourceLayout, clock: Clock, period: float) -> Link:
         raise ConfigError(f"source {source.name}: {error}") from error
     timeout = getattr(source, "timeout_ms", _REPLAY_TIMEOUT * 1e3) / 1e3
     connect_timeout = getattr(source, "connect_timeout_ms", _REPLAY_TIMEOUT * 1e3) / 1e3
-    return Link(source.name, make, layout.reading_names, layout.writing_names, clock, timeout, connect_timeout)
+    names = layout.reading_names, layout.writing_names
+    return Link(source.name, make, *names, clock, timeout, connect_timeout, layout.life())
 
 
 def _scanned(watchdog: Watchdog, number: int, slack: Slack | None) -> Callable[[Scan], None]:

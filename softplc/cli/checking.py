@@ -34,7 +34,8 @@ def check(path: Path, *, connect: bool, as_json: bool) -> int:
     if as_json:
         print_json(rows)
     else:
-        print_table(rows, ("tag", "source", "address", "value", "unit", "status", "source_timestamp", "age_s"))
+        columns = ("tag", "source", "address", "value", "unit", "status", "quality", "new_per_s")
+        print_table(rows, (*columns, "source_timestamp", "age_s"))
     for text in texts:
         messages.print(text, style="yellow", markup=False)
     unreachable = {str(row["source"]): str(row["error"]) for row in rows if row["error"]}

@@ -217,6 +217,9 @@ class Axis(Model):
     """What follows a coast that was too long: hold the last values, or fail."""
     reinit_samples: Annotated[int, Field(ge=1, le=1000)] = 3
     """Fresh samples after an outage until the outputs are Good. Bigger trusts a source later that has come back."""
+    stale_after_ms: Annotated[float, Field(ge=1, le=3_600_000)] | None = None
+    """For sources that stamp every sample, changed or not: a source timestamp that stands still for so long makes the
+    input Uncertain, for three times as long Bad, ms. Leave it out where a held value keeps its timestamp."""
     contact: SourceTag | None = None
     """A Boolean tag, a limit switch or a force, that is not 0 while the axis touches its stop; for ducekf."""
     writable_tuning: bool = False

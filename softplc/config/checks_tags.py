@@ -10,7 +10,7 @@ from softplc.config.problem import LONG, Problem, shown
 from softplc.config.spans import Span, by_table, canonical, device_of, key_of
 from softplc.config.tree import Scalar, below, text_at
 from softplc.drivers.modbus.address import LAST_OFFSET, Address, parse_address
-from softplc.drivers.modbus.config import ModbusTag
+from softplc.drivers.modbus.config import ModbusHeartbeat, ModbusTag
 from softplc.drivers.opcua.node import parse_address as parse_node
 
 REGISTERS: Final = {
@@ -25,6 +25,7 @@ REGISTERS: Final = {
     "float64": 4,
 }
 _DEFAULT_TYPE: Final[str] = ModbusTag.model_fields["data_type"].default
+_TYPE_OF_HEARTBEAT: Final[str] = ModbusHeartbeat.model_fields["data_type"].default
 
 
 def check(facts: Facts) -> Iterator[Problem]:
@@ -71,7 +72,10 @@ def _recording(tag: TagUse, source: Item | None, facts: Facts) -> Iterator[Probl
 
 def _modbus(tag: TagUse, source: Item | None, spans: list[Span]) -> Iterator[Problem]:
     node = below(tag.block, "address")
-    data_type = text_at(tag.block, "data_type") if "data_type" in tag.block.entries else _DEFAULT_TYPE
+    if tag.role == "input":
+        yield from _tells_no_time(tag)
+    default = _TYPE_OF_HEARTBEAT if tag.role == "heartbeat" else _DEFAULT_TYPE
+    data_type = text_at(tag.block, "data_type") if "data_type" in tag.block.entries else default
     width = REGISTERS.get(data_type or "")
     yield from _byte_order(tag, data_type, width)
     if not isinstance(node, Scalar) or isinstance(node.value, bool) or not isinstance(node.value, int | str):
@@ -99,6 +103,13 @@ def _modbus(tag: TagUse, source: Item | None, spans: list[Span]) -> Iterator[Pro
     if source is not None:
         label = f"{data_type} at {address}"
         spans.append(Span(device_of(source), address.table, address.offset, address.offset + width, tag, label))
+
+
+def _tells_no_time(tag: TagUse) -> Iterator[Problem]:
+    limit = below(tag.axis.block, "stale_after_ms")
+    if isinstance(limit, Scalar) and limit.value is not None:
+        text = "found stale_after_ms with a Modbus input, which has no timestamps, expected heartbeat: of the source"
+        yield Problem(*at(limit, tag.block), (*tag.axis.path, "stale_after_ms"), text)
 
 
 def _byte_order(tag: TagUse, data_type: str | None, width: int | None) -> Iterator[Problem]:

@@ -26,7 +26,10 @@ class Item:
 
 @dataclass(frozen=True, slots=True)
 class TagUse:
-    """A tag of a source where it stands: `role` is input, enable, contact, shadow or write_back."""
+    """A tag of a source where it stands: `role` is input, enable, contact, shadow, write_back or heartbeat.
+
+    `axis` is the axis that has it, of a heartbeat its source.
+    """
 
     role: str
     axis: Item
@@ -78,6 +81,10 @@ def gather(root: Node) -> Facts:
             facts.kinds_named.setdefault(source.name, set()).add(source.text("type"))
     for axis in facts.axes:
         facts.tags.extend(_tags(axis))
+    for source in facts.sources:
+        beat = below(source.block, "heartbeat")
+        if isinstance(beat, Mapping):
+            facts.tags.append(TagUse("heartbeat", source, (*source.path, "heartbeat"), beat, source.name))
     return facts
 
 

@@ -34,7 +34,7 @@ _LAST_USABLE: Final = (
     StatusCode.UNCERTAIN_NO_COMMUNICATION_LAST_USABLE_VALUE,
 )
 
-_USED: Final = (Reason.NONE, Reason.INPUT_UNCERTAIN)
+_USED: Final = (Reason.NONE, Reason.INPUT_UNCERTAIN, Reason.STAMP_FROZEN, Reason.PROGRAM_STOPPED)
 _NO_OUTPUT: Final = (Reason.NO_COMMUNICATION, Reason.WAITING, Reason.CONFIGURATION)
 _HELD_AS: Final = {
     Reason.INPUT_BAD: StatusCode.UNCERTAIN_LAST_USABLE_VALUE,
@@ -53,7 +53,7 @@ _NOTHING_TO_HOLD: Final = {  # for an input whose own status is not Bad
 
 def _by_reason(entries: Any) -> NDArray[Any]:
     """A lookup table indexed by Reason; 0 where there is no entry."""
-    table = np.zeros(len(Reason), np.uint32)
+    table = np.zeros(max(Reason) + 1, np.uint32)
     for reason, status in dict(entries).items():
         table[reason] = status
     return table
@@ -98,6 +98,7 @@ class Judgement:
         if self.signal is not None:
             self.z = np.zeros(n)
         self._too_fast: NDArray[np.bool_] | None = None
+        self._causes = np.zeros(n, np.uint8)
         self.input_status = np.zeros(n, np.uint32)
         self.timestamps = np.zeros(n, np.int64)
         self.arrivals = np.zeros(n)
@@ -128,6 +129,7 @@ class Judgement:
         if self.signal is not None:
             self._judge_speed(self.signal)
         if self.input_status.any() or not self.usable.all():
+            np.take(inputs.causes, self._index, out=self._causes, mode="clip")
             self._judge_closely(has_values)
         if self.signal is not None:
             self.signal.take(scan, self)
@@ -146,7 +148,9 @@ class Judgement:
         z, own = self.read, self.input_status
         code = own & _CODE
         bad = own >= _BAD
+        caused = self._causes != 0  # our link doubts the sample, not its source
         no_reply = _is_any(code, _LAST_USABLE) & ((self.arrivals == self._last_arrivals) | np.isnan(self.arrivals))
+        no_reply &= ~caused
         first_that_holds = (
             (_is_any(code, _NO_COMMUNICATION), Reason.NO_COMMUNICATION),
             (code == np.uint32(StatusCode.BAD_WAITING_FOR_INITIAL_DATA), Reason.WAITING),
@@ -160,11 +164,13 @@ class Judgement:
         )
         conditions, reasons = zip(*first_that_holds, strict=True)
         self.reason[:] = np.select(conditions, [int(reason) for reason in reasons], int(Reason.NONE))
-        self.usable[:] = _USED_TABLE[self.reason]
+        doubted = caused & ((self.reason == Reason.INPUT_BAD) | (self.reason == Reason.INPUT_UNCERTAIN))
+        np.copyto(self.reason, self._causes, where=doubted)
+        self.usable[:] = _USED_TABLE[self.reason] & ~bad
 
         held_as = _HELD_AS_TABLE[self.reason]
         self.status[:] = np.where(held_as != 0, held_as, np.where(self.reason == Reason.NONE, 0, own))
-        no_output = _NO_OUTPUT_TABLE[self.reason]
+        no_output = _NO_OUTPUT_TABLE[self.reason] | (doubted & bad)
         nothing = ~self.usable & ~no_output & ~has_values
         self.status[nothing] = np.where(bad, own, _NOTHING_TO_HOLD_TABLE[self.reason])[nothing]
         self.blank = no_output | nothing

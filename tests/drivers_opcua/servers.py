@@ -139,6 +139,7 @@ class AsyncuaPlc:
         self.server.set_endpoint(self.url)
         self.server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
         self.index = await self.server.register_namespace(URI)
+        self.server.iserver.aspace._is_expected_variant_type = lambda *_: True  # a PLC may load another program
         plc = await self.server.nodes.objects.add_object(ua.NodeId("PLC", self.index), f"{self.index}:PLC")
         double = ua.VariantType.Double
         values = {

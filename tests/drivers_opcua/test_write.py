@@ -79,7 +79,7 @@ async def test_a_write_carries_neither_status_nor_timestamp(asyncua_plc: Asyncua
 
 async def test_a_variable_whose_type_changed_is_written_as_the_new_type_soon_after(plc: NodePlc):
     clock = ForwardClock()
-    async with opened(plc.url, [f"{AXIS}.Changing"], [f"{AXIS}.Changing"], clock) as driver:
+    async with opened(plc.url, [f"{AXIS}.Float"], [f"{AXIS}.Changing"], clock) as driver:
         plc.do("retype Changing Int16")
         assert await driver.write({0: 3.0}) == {0: StatusCode.BAD_TYPE_MISMATCH}
 
@@ -87,6 +87,7 @@ async def test_a_variable_whose_type_changed_is_written_as_the_new_type_soon_aft
         image = await read(driver, 1)
         await read_until(driver, image, lambda: not driver.problems)
         assert await driver.write({0: 3.0}) == {0: 0}
+    async with opened(plc.url, [f"{AXIS}.Changing"]) as driver:
         assert (await read(driver, 1)).values[0] == 3.0
 
 

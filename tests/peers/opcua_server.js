@@ -78,6 +78,7 @@ async function main() {
         const variable = add(name, dataType, {});
         if (options.as && options.as[name]) dataType = DataType[options.as[name]];
         if (dataType === DataType.String) value = String(value);
+        else if (options.as && options.as[name]) value = Math.trunc(Number(value));
         variable.setValueFromSource(
             new Variant({ dataType, arrayType: VariantArrayType.Scalar, value }), StatusCodes.Good, STAMP);
     };

@@ -21,7 +21,7 @@ INDENT = "   "  # the table of orders stands in a numbered list
 def standard_map() -> str:
     table = TagTable()
     table.add_block("main", "task", task_tags("main"))
-    table.add_block("plc1", "source", source_tags("plc1"))
+    table.add_block("plc1", "source", source_tags("plc1", heartbeat=True, skew=True))
     table.add_block("AxisX", "axis", axis_tags(AXES[0], OBSERVER))
     table.close_section("main")
     return render(build_map(table, any_port()), "md")

@@ -79,7 +79,7 @@ def test_a_tag_that_is_added_moves_no_other():
 
     assert before == {name: after[name] for name in before}
     assert [after[f"{block}.New"] for block in ("Tasks.main", "Sources.plc1", "AxisX")] == [150, 1016, 3052]
-    assert [after[f"{block}.Flag"] for block in ("Tasks.main", "Sources.plc1", "AxisX")] == [199, 1019, 3061]
+    assert [after[f"{block}.Flag"] for block in ("Tasks.main", "Sources.plc1", "AxisX")] == [199, 1018, 3061]
 
 
 def test_a_block_with_more_tags_than_registers_is_refused():

@@ -17,6 +17,7 @@ class Device:
         self.clock = clock
         self.values = [0.0] * readings
         self.statuses = [0] * readings
+        self.stamps: list[int] | None = None  # ns UTC; those of the moment when left out
         self.reachable = True
         self.silent = False
         self.broken = False
@@ -57,7 +58,7 @@ class DeviceDriver:
         await self._answer()
         into.values[:] = asked if device.old_replies else device.values
         into.statuses[:] = device.statuses
-        into.source_timestamps[:] = device.clock.utc_ns()
+        into.source_timestamps[:] = device.clock.utc_ns() if device.stamps is None else device.stamps
         into.arrivals[:] = device.clock.monotonic()
 
     async def write(self, values: Mapping[int, float]) -> dict[int, int]:

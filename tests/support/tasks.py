@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from softplc.clock import Clock, VirtualClock
 from softplc.exchange import Reader, Writer, size
 from softplc.interfaces import Observer
+from softplc.life import Life
 from softplc.link import Link
 from softplc.scan import CyclicTask, LinkPlace, source_tags, task_tags
 from softplc.tags import Image, Tag, TagTable
@@ -41,20 +42,26 @@ class Rig:
     """One task with one device; `scans` records every finished scan."""
 
     def __init__(
-        self, clock: Clock | None = None, period: float = 0.1, readings: int = 1, timeout: float = 0.2
+        self,
+        clock: Clock | None = None,
+        period: float = 0.1,
+        readings: int = 1,
+        timeout: float = 0.2,
+        life: Life | None = None,
     ) -> None:
         self.clock = clock or VirtualClock()
         self.device = Device(self.clock, readings)
         self.scans: list[Scan] = []
         table = self.table = TagTable()
         block = table.add_block("main", "task", task_tags("main"))
-        source = table.add_block("plc", "source", source_tags("plc"))
+        beat, skew = life is not None and life.heartbeat is not None, life is not None and life.stamps is not None
+        source = table.add_block("plc", "source", source_tags("plc", beat, skew))
         echo = table.add_block("Echo", "axis", [Tag(f"Echo.{k}") for k in range(readings)])
         table.close_section("main")
         buffer = bytearray(size(table))
         self.reader = Reader(buffer, table, self.clock)
         self.link = Link(
-            "plc", self.device.driver, [f"r{k}" for k in range(readings)], ["w"], self.clock, timeout, 1.0
+            "plc", self.device.driver, [f"r{k}" for k in range(readings)], ["w"], self.clock, timeout, 1.0, life
         )
         self.echo = Echo(echo.start)
         self.task = CyclicTask(

@@ -58,6 +58,24 @@ Transport = Annotated[
 ]
 
 
+_ADDRESS = {"x-expected": "a Modbus address such as 40001, 400001 or holding:0"}
+
+
+class ModbusHeartbeat(Model):
+    """A value that the PLC's program changes for as long as it runs; what to does not matter."""
+
+    address: Annotated[int | str, Field(json_schema_extra=_ADDRESS)]
+    """`40001` or `400001` (numbered from 1, the first digit names the table), or `holding:0` (from 0)."""
+    data_type: ModbusType = "uint16"
+    """What the registers hold; coils and discrete inputs hold bool."""
+    timeout_ms: Annotated[float, Field(ge=10, le=3_600_000)] = 1000.0
+    """Unchanged for so long, all samples of the source are Uncertain; for three times as long, Bad, ms."""
+
+    def tag(self, source: str) -> "ModbusTag":
+        """The tag that is read for it."""
+        return ModbusTag(source=source, address=self.address, data_type=self.data_type)
+
+
 class ModbusSource(Model):
     """A PLC or device that speaks Modbus."""
 
@@ -82,6 +100,8 @@ class ModbusSource(Model):
     """A request that takes longer means that the link is lost, ms."""
     connect_timeout_ms: Annotated[float, Field(ge=100, le=60_000)] = 4000.0
     """An attempt to connect that takes longer is given up, ms."""
+    heartbeat: ModbusHeartbeat | None = None
+    """A value that shows that the PLC's program runs; leave it out where there is none."""
 
     def build(
         self, readings: Sequence["ModbusTag"], writings: Sequence["ModbusTag"], clock: Clock, period: float
@@ -97,10 +117,7 @@ class ModbusTag(Model):
 
     source: Name
     """Name of a Modbus source."""
-    address: Annotated[
-        int | str,
-        Field(json_schema_extra={"x-expected": "a Modbus address such as 40001, 400001 or holding:0"}),
-    ]
+    address: Annotated[int | str, Field(json_schema_extra=_ADDRESS)]
     """`40001` or `400001` (numbered from 1, the first digit names the table), or `holding:0` (from 0)."""
     data_type: ModbusType = "float32"
     """What the registers hold; coils and discrete inputs hold bool."""

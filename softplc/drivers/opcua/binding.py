@@ -5,6 +5,7 @@ found and what would be right; it is tried again, for a server may come up befor
 """
 
 import difflib
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
@@ -21,6 +22,7 @@ from softplc.drivers.opcua.node import (
     step_text,
 )
 from softplc.drivers.opcua.session import Session, batches
+from softplc.drivers.opcua.types import FirstTypes, base_type, plain_node, same_kind
 from softplc.drivers.opcua.values import NUMBER_TYPES, decode, flat, status_of
 from softplc.sample import StatusCode, is_bad
 from softplc.tags import Image
@@ -42,7 +44,8 @@ class Binding:
     """One variable and the tags that use it: `uses` are (position, array index or None).
 
     `node` is None until the address is resolved. `problem` is empty when all is well; `status` is Good, or why there
-    is no value. `variant_type` is the type of the variable's elements as last seen.
+    is no value. `variant_type` is the type of the variable's elements as last seen; `first_types` is where the type
+    that it had first is kept, None where any number will do.
     """
 
     address: Address
@@ -52,6 +55,19 @@ class Binding:
     problem: str = "not looked for yet"
     variant_type: ua.VariantType | None = None
     monitored: bool = field(default=False)
+    first_types: FirstTypes | None = None
+
+    def accepts(self, now: ua.VariantType) -> bool:
+        """Whether a number of this type is still what the variable was; if not, its problem says so."""
+        if self.first_types is None or now not in NUMBER_TYPES:
+            return True
+        first = self.first_types.setdefault(self.address, now)
+        if first is now or same_kind(first, now):
+            return True
+        what = f"is {now.name} now and was {first.name}"
+        cure = f"expected {first.name} again, or a new start of softplc that takes it as it is"
+        self.lose(StatusCode.BAD_TYPE_MISMATCH, f"{self.address}: {what}; {cure}")
+        return False
 
     def lose(self, status: int, problem: str) -> None:
         """From here on the tag has this Bad status, for this reason."""
@@ -64,12 +80,13 @@ class Binding:
             self.monitored = False
 
 
-def group(tags: Sequence[OpcUaTag]) -> list[Binding]:
+def group(tags: Sequence[OpcUaTag], first_types: FirstTypes | None = None) -> list[Binding]:
     """One binding for each distinct node of the tags, so that an array is read once for all its elements."""
     bindings: dict[Address, Binding] = {}
     for position, tag in enumerate(tags):
         address = parse_address(tag.node)
-        bindings.setdefault(address, Binding(address, [])).uses.append((position, tag.index))
+        binding = bindings.setdefault(address, Binding(address, [], first_types=first_types))
+        binding.uses.append((position, tag.index))
     return list(bindings.values())
 
 
@@ -99,20 +116,16 @@ def server_time() -> Binding:
 
 def put(binding: Binding, data: ua.DataValue, into: Image, arrival: float, now: int) -> None:
     """The samples of a variable's tags; `arrival` in monotonic seconds, `now` in ns UTC where it has no timestamp."""
+    accepted = data.Value is None or is_bad(status_of(data)) or binding.accepts(data.Value.VariantType)
     for position, index in binding.uses:
         value, status, stamp = decode(data, index)
+        if not accepted:
+            value, status = math.nan, int(StatusCode.BAD_TYPE_MISMATCH)
         into.values[position] = value
         into.statuses[position] = status
         into.source_timestamps[position] = now if stamp is None else stamp
         into.arrivals[position] = arrival
     binding.note(status_of(data))
-
-
-def plain_node(node: ua.ExpandedNodeId) -> ua.NodeId | None:
-    """The node id without the expansions; None for a node of another server."""
-    if getattr(node, "ServerIndex", 0):
-        return None
-    return ua.NodeId(node.Identifier, node.NamespaceIndex, node.NodeIdType)
 
 
 def explain(status: int, address: Address) -> str:
@@ -139,6 +152,8 @@ def _check(binding: Binding, data: ua.DataValue) -> None:
     binding.variant_type = variant.VariantType
     if variant.VariantType not in NUMBER_TYPES:
         _no_number(binding)
+        return
+    if not binding.accepts(variant.VariantType):
         return
     wrong = [text for _, index in binding.uses if (text := _misuse(variant, index))]
     if wrong:  # each value's own status says the same
@@ -259,36 +274,6 @@ async def _declared_types(session: Session, bindings: Sequence[Binding]) -> None
         for (binding, _), data in zip(some, values, strict=True):
             declared = data.Value.Value if data.Value is not None else None
             if isinstance(declared, ua.NodeId):
-                binding.variant_type = await _base_type(session, declared)
+                binding.variant_type = await base_type(session, declared)
             if binding.variant_type is not None and binding.variant_type not in NUMBER_TYPES:
                 _no_number(binding)
-
-
-_ABSTRACT: Final = {
-    ua.ObjectIds.Number: ua.VariantType.Double,
-    ua.ObjectIds.Integer: ua.VariantType.Int64,
-    ua.ObjectIds.UInteger: ua.VariantType.UInt64,
-    ua.ObjectIds.Enumeration: ua.VariantType.Int32,
-}
-
-
-async def _base_type(session: Session, data_type: ua.NodeId, depth: int = 10) -> ua.VariantType | None:
-    """The built-in type that a data type derives from; None when the server does not tell."""
-    for _ in range(depth):
-        if data_type.NamespaceIndex == 0 and isinstance(data_type.Identifier, int):
-            if data_type.Identifier in _ABSTRACT:
-                return _ABSTRACT[data_type.Identifier]
-            if 1 <= data_type.Identifier <= 23:
-                return ua.VariantType(data_type.Identifier)
-        description = ua.BrowseDescription(
-            NodeId=data_type,
-            BrowseDirection=ua.BrowseDirection.Inverse,
-            ReferenceTypeId=ua.NodeId(ua.ObjectIds.HasSubtype),
-            IncludeSubtypes=False,
-            ResultMask=ua.BrowseResultMask.None_,
-        )
-        (result,) = await session.browse([description], 1)
-        if not result.References:
-            return None
-        data_type = plain_node(result.References[0].NodeId) or ua.NodeId()
-    return None

@@ -13,11 +13,12 @@ from typing import Any, Final
 from asyncua import ua
 
 from softplc.clock import Clock, SystemClock
-from softplc.drivers.opcua.binding import plain_node, read_value
+from softplc.drivers.opcua.binding import read_value
 from softplc.drivers.opcua.config import OpcUaSecurity, OpcUaUser
 from softplc.drivers.opcua.credentials import Credentials
 from softplc.drivers.opcua.node import BrowsePathAddress, Namespace, NodeIdAddress
 from softplc.drivers.opcua.session import Session, batches, within
+from softplc.drivers.opcua.types import plain_node
 from softplc.drivers.opcua.values import INTEGER_RANGES, flat, nanoseconds, status_of
 from softplc.errors import LinkError
 from softplc.sample import is_bad

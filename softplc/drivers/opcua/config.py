@@ -1,10 +1,10 @@
 """Configuration of an OPC-UA source and of a tag in it."""
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 from urllib.parse import urlsplit
 
-from pydantic import Field, field_validator
+from pydantic import AfterValidator, Field, field_validator
 
 from softplc.clock import Clock
 from softplc.drivers.opcua.node import parse_address
@@ -36,8 +36,42 @@ class OpcUaSecurity(Model):
     """Path of the server's certificate; without it the one that the server presents is taken."""
 
 
+def _is_an_address(node: str) -> str:
+    parse_address(node)
+    return node
+
+
+NodeText = Annotated[
+    str,
+    Field(
+        min_length=1,
+        json_schema_extra={
+            "x-expected": "a node id as in ns=2;s=AxisX.Position, or a browse path as in /Objects/2:X/2:Position"
+        },
+    ),
+    AfterValidator(_is_an_address),
+]
+
+
+class OpcUaHeartbeat(Model):
+    """A variable that the PLC's program changes for as long as it runs; what to does not matter."""
+
+    node: NodeText
+    """Node id `ns=2;s=PLC.Heartbeat` or `nsu=urn:plc;s=…`, or browse path `/Objects/2:PLC/2:Heartbeat`."""
+    index: Annotated[int, Field(ge=0)] | None = None
+    """Element of an array variable, from 0."""
+    timeout_ms: Annotated[float, Field(ge=10, le=3_600_000)] = 1000.0
+    """Unchanged for so long, all samples of the source are Uncertain; for three times as long, Bad, ms."""
+
+    def tag(self, source: str) -> "OpcUaTag":
+        """The tag that is read for it."""
+        return OpcUaTag(source=source, node=self.node, index=self.index)
+
+
 class OpcUaSource(Model):
     """A PLC or server that speaks OPC-UA."""
+
+    tells_time: ClassVar[bool] = True  # its samples carry timestamps of its own
 
     type: Literal["opcua"]
     name: Name
@@ -64,6 +98,8 @@ class OpcUaSource(Model):
     """An attempt to connect that takes longer is given up, ms."""
     stale_after_ms: Annotated[float, Field(ge=10, le=3_600_000)] = 3000.0
     """Without a sign of life from the server for so long its values are no longer current, ms."""
+    heartbeat: OpcUaHeartbeat | None = None
+    """A variable that shows that the PLC's program runs; leave it out where there is none."""
     user: OpcUaUser | None = None
     """Who logs in; leave it out to be anonymous."""
     security: OpcUaSecurity | None = None
@@ -97,24 +133,10 @@ class OpcUaTag(Model):
 
     source: Name
     """Name of an OPC-UA source."""
-    node: Annotated[
-        str,
-        Field(
-            min_length=1,
-            json_schema_extra={
-                "x-expected": "a node id as in ns=2;s=AxisX.Position, or a browse path as in /Objects/2:X/2:Position"
-            },
-        ),
-    ]
+    node: NodeText
     """Node id `ns=2;s=Axis.Position` or `nsu=urn:plc;s=…`, or browse path `/Objects/2:Axis/2:Position`."""
     index: Annotated[int, Field(ge=0)] | None = None
     """Element of an array variable, from 0; row by row where it has several dimensions."""
-
-    @field_validator("node")
-    @classmethod
-    def _is_an_address(cls, node: str) -> str:
-        parse_address(node)
-        return node
 
     def __str__(self) -> str:
         return self.node if self.index is None else f"{self.node}[{self.index}]"

@@ -31,6 +31,7 @@ from softplc.drivers.opcua.fast.write import Writes
 from softplc.drivers.opcua.loops import find_loops
 from softplc.drivers.opcua.session import Session, batches, within
 from softplc.drivers.opcua.subscription import Subscription
+from softplc.drivers.opcua.types import first_types
 from softplc.drivers.opcua.values import encode, write_value
 from softplc.drivers.opcua.witnesses import Witnesses
 from softplc.errors import LinkError
@@ -70,7 +71,7 @@ class OpcUaDriver:
         self._config = config
         self._clock = clock
         self._period = period
-        self._readings = group(readings)
+        self._readings = group(readings, first_types(config))
         self._writings = [group([tag])[0] for tag in writings]
         self._indices = [tag.index for tag in writings]
         self._loops: dict[int, str] = {}  # writings that are never written: they are read as well

@@ -223,7 +223,7 @@ class Session:
             return await call
 
     async def _list(self, service: str, call: Coroutine[Any, Any, list[T]], expected: int) -> list[T]:
-        results: list[T] = await self._call(service, call)
+        results: list[T] = await self._call(service, call) or []
         if len(results) != expected:
             raise LinkError(f"{self.url}: {service} was answered with {len(results)} results; expected {expected}")
         return results

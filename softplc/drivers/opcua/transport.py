@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from asyncua import Client, ua
 from asyncua.client.ua_client import UaClient, UASocketProtocol, UASocketState
-from asyncua.ua.ua_binary import struct_from_binary
+from asyncua.ua.ua_binary import nodeid_from_binary, struct_from_binary
 
 from softplc.drivers.opcua.fast.seam import proven, take_chunk
 
@@ -21,6 +21,8 @@ MAX_MESSAGE: Final = 16 * 2**20
 """The largest message that is taken, bytes."""
 FAREWELL: Final = 1.0
 _SMALLEST_CHUNK: Final = 8192  # what every peer has to take (OPC 10000-6, 6.7.1)
+
+_RESPONSE: Final = 3  # from the id of a request's encoding to that of its response's (OPC 10000-6, A.3)
 
 _leaving: set[asyncio.Task[None]] = set()  # held here because the event loop holds its tasks weakly
 
@@ -65,6 +67,16 @@ class Transport(UaClient):  # type: ignore[misc]  # asyncua is untyped
         task = asyncio.get_running_loop().create_task(leaving, name="opcua farewell")
         _leaving.add(task)
         task.add_done_callback(_leaving.discard)
+
+    async def _send_request(
+        self, request: Any, timeout: float | None = None, message_type: ua.MessageType = ua.MessageType.SecureMessage
+    ) -> Any:
+        """The body of the answer, if it is the one to this request: the library would decode any as that."""
+        body = await super()._send_request(request, timeout, message_type)
+        found, due = nodeid_from_binary(body.copy()), request.TypeId.Identifier + _RESPONSE
+        if (found.NamespaceIndex, found.Identifier) != (0, due):
+            raise ua.UaError(f"was answered with {found.to_string()}; expected i={due}")
+        return body
 
     def _close_session(self, protocol: UASocketProtocol) -> "asyncio.Future[Any] | None":
         """Send CloseSession; the future is its answer. None when there is no session, or no way to say it."""

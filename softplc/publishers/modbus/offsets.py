@@ -83,10 +83,11 @@ SOURCE: Final = Frame(
         "WriteErrors": 10,
         "ReadTime": 12,
         "Age": 14,
+        "Heartbeat": 19,
     },
     (),
-    range(16, 20),
-    frozenset({"WriteMismatches"}),
+    range(16, 19),
+    frozenset({"WriteMismatches", "Skew"}),
 )
 AXIS: Final = Frame(
     AXES,

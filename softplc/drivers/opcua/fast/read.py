@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from softplc.drivers.opcua.binding import Binding, read_value
 from softplc.drivers.opcua.fast.plain import HEAD, SlowState, check_count, has_plain_head, has_plain_tail
+from softplc.drivers.opcua.fast.records import NUMBERS, Layout
 from softplc.drivers.opcua.fast.samples import BAD, Samples
 from softplc.drivers.opcua.fast.seam import decode_head, decode_message, decode_value
 from softplc.drivers.opcua.session import Session, batches, link_errors
@@ -33,6 +34,8 @@ class ReadPlan:
         self._samples = Samples(len(bindings))
         self._noted = np.zeros(len(bindings), np.uint32)
         self._any_noted = False
+        self._known_layout: Layout | None = None
+        self._wrong: list[int] = []
         self._what = f"{session.url}: Read"
         uses = [(record, *use) for record, binding in enumerate(bindings) for use in binding.uses]
         plain = [(record, position) for record, position, index in uses if index is None]
@@ -52,6 +55,7 @@ class ReadPlan:
         """The bindings were looked for anew: they are to be told what is wrong with them now."""
         self._noted[:] = 0
         self._any_noted = False
+        self._known_layout = None
 
     def serves(self, bindings: Sequence[Binding]) -> bool:
         """True when this request asks for the nodes that these bindings have now."""
@@ -76,6 +80,7 @@ class ReadPlan:
             samples.values, samples.statuses = into.values[where], into.statuses[where]
             samples.stamps = into.source_timestamps[where]
         self._decode(body)
+        self._refuse_other_types()
         if not direct:
             records = self._records
             into.values[where] = samples.values[records]
@@ -101,6 +106,27 @@ class ReadPlan:
 
         self._samples.decode(body, begin, decode_value, accept)
         self._slow.values += len(self._samples.odd)
+
+    def _refuse_other_types(self) -> None:
+        """What is no longer the kind of number that it was is BadTypeMismatch; types change with the layout."""
+        samples = self._samples
+        layout = samples.layout
+        if layout is not self._known_layout and layout is not None:
+            self._known_layout, self._wrong = layout, []
+            for piece in layout.pieces:
+                kind = piece.record.kind
+                if kind in NUMBERS:
+                    type_now = ua.VariantType(kind)
+                    where = np.arange(len(samples))[piece.where].tolist()
+                    self._wrong += [record for record in where if not self.bindings[record].accepts(type_now)]
+        wrong = self._wrong
+        if samples.odd:
+            arrays = ((record, data.Value) for record, data in samples.odd.items() if data.Value is not None)
+            wrong = wrong + [record for record, v in arrays if not self.bindings[record].accepts(v.VariantType)]
+        for record in wrong:
+            if not samples.statuses[record] & BAD:
+                samples.values[record], samples.statuses[record] = np.nan, _MISMATCH
+                samples.odd.pop(record, None)
 
     def _put_element(self, record: int, index: int, position: int, into: Image, arrival: float, now: int) -> None:
         """One element of an array; a single value where an array was expected has the wrong type."""

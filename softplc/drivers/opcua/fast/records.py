@@ -70,6 +70,11 @@ class Record:
     verdict: int | None
 
     @property
+    def kind(self) -> int:
+        """Built-in type id of the value; NO_VALUE where there is none."""
+        return self.head[1] if len(self.head) > 1 else NO_VALUE
+
+    @property
     def size(self) -> int:
         """Bytes of one record."""
         return int(self.dtype.itemsize)

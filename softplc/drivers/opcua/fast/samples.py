@@ -33,7 +33,8 @@ class Samples:
     `values` float64, NaN where Bad. `statuses` uint32, raw, what the sample is worth. `told` uint32, what the server
     says, without the Overflow bit; None when it says of every record that it is Good. `stamps` int64 ns UTC,
     NO_TIMESTAMP where there is none, in whole µs as asyncua's; `stamped` when all have one. `odd` are the DataValues
-    of records that are no single number, by position. Valid until the next message.
+    of records that are no single number, by position. `layout` is that of the message: another object where any
+    record has another type than before. Valid until the next message.
     """
 
     def __init__(self, count: int) -> None:
@@ -43,6 +44,7 @@ class Samples:
         self.told: NDArray[np.uint32] | None = None
         self.stamped = False
         self.odd: dict[int, ua.DataValue] = {}
+        self.layout: Layout | None = None
         self._told: NDArray[np.uint32] = np.zeros(count, np.uint32)
         self._layouts: dict[int, Layout] = {}
         self._count = count
@@ -79,6 +81,7 @@ class Samples:
                 return False
             odd[position] = data
         accept(layout.end)
+        self.layout = layout
         for piece, records in taken:
             self._put(piece, records)
         self._to_nanoseconds()

@@ -12,7 +12,7 @@ from asyncua.common.utils import Buffer, NotEnoughData, ServiceError
 from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
 from asyncua.server.internal_session import SessionState
 from asyncua.server.uaprocessor import UaProcessor
-from asyncua.ua.ua_binary import header_from_binary, struct_from_binary, struct_to_binary, uatcp_to_binary
+from asyncua.ua.ua_binary import header_from_binary, struct_to_binary, uatcp_to_binary
 
 from softplc.publishers.opcua.hardened.answers import ClientLimits
 from softplc.publishers.opcua.hardened.decoding import decoded
