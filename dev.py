@@ -34,8 +34,7 @@ LOCK = ROOT / "requirements.lock"
 STAMP = VENV / "made-from"
 LINTERS = ("ruff check", "ruff format --check", "mypy", "lint-imports")
 COMMANDS = {"demo": "softplc demo", "test": "pytest", "lint": "", "bench": "python", "chaos": "python -m tests.chaos"}
-COMMANDS["soak"] = "python -m tests.soak"
-COMMANDS["softplc"] = "softplc"
+COMMANDS.update(soak="python -m tests.soak", softplc="softplc")
 
 
 def say(text: str) -> None:
