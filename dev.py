@@ -35,8 +35,7 @@ LOCK = ROOT / "requirements.lock"
 STAMP = VENV / "made-from"
 LINTERS = ("ruff check", "ruff format --check", "mypy", "lint-imports")
 COMMANDS = {"demo": "softplc demo", "test": "pytest", "lint": "", "bench": "python", "chaos": "python -m tests.chaos"}
-COMMANDS["soak"], COMMANDS["fuzz"] = "python -m tests.soak", "python -m tests.fuzz"
-COMMANDS["softplc"] = "softplc"
+COMMANDS.update(soak="python -m tests.soak", fuzz="python -m tests.fuzz", softplc="softplc")
 
 
 def say(text: str) -> None:
