@@ -1,22 +1,20 @@
-"""CPU of the OPC-UA server: PYTHONPATH=. python bench/opcua_fast_server.py [read|monitor|start], about 4 minutes.
+"""CPU of the OPC-UA server: PYTHONPATH=. python bench/opcua_fast_server.py [read|monitor], about 4 minutes.
 
 softplc's server, asyncua's and node-opcua's (SOFTPLC_PEERS, default tests/peers), each with as many Doubles in a
 process of its own, in turns. Read: 1 000 and 5 000 Doubles, 2 000 in one request, by node-opcua's client and by
 asyncua's; CPU of the server's process for each read of all, all its threads. Monitor: 2 000 items that all change
 every 50 ms, publishing and sampling at 50 ms, by node-opcua's client; the server's CPU for each second and for each
-notification that arrived. Start: softplc's server with 2, 100 and 1 000 axes.
+notification that arrived.
 """
 
 import asyncio
 import gc
 import json
 import os
-import resource
 import statistics
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from datetime import UTC, datetime
@@ -27,8 +25,6 @@ from asyncua import Client, Server, ua
 
 from softplc.clock import SystemClock
 from softplc.exchange import Reader, Writer, size
-from softplc.observers.aoi import AoiConfig
-from softplc.observers.axes import AxisSpec, axis_tags
 from softplc.publishers.opcua.config import OpcUaPublisher
 from softplc.tags import Image, Tag, TagTable
 from softplc.timing import Scan
@@ -260,24 +256,6 @@ async def changes(scan: Any) -> None:
     await ended
 
 
-async def start(axes: int) -> None:
-    begun, cpu = time.perf_counter(), time.process_time()
-    table, observer = TagTable(), AoiConfig(type="aoi", r_x=1.0)
-    for number in range(axes):
-        spec = AxisSpec(f"Axis{number:04d}", unit="mm")
-        table.add_block(spec.name, "axis", axis_tags(spec, observer))
-    table.close_section("main")
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    server = OpcUaPublisher(type="opcua", port=free_port()).build(
-        Reader(bytearray(size(table)), table, SystemClock())
-    )
-    await server.open()
-    memory = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
-    wall = time.perf_counter() - begun
-    print(f"| {axes} | {len(table)} | {wall:.1f} | {time.process_time() - cpu:.1f} | {memory:.0f} |")
-    await server.close()
-
-
 async def run(what: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         if what in ("all", "read"):
@@ -296,14 +274,8 @@ def main() -> None:
     if what.startswith("serve-"):
         serve = serve_softplc if what == "serve-softplc" else serve_asyncua
         asyncio.run(serve(*map(int, sys.argv[2:5])))
-    elif what == "start" and len(sys.argv) > 2:
-        asyncio.run(start(int(sys.argv[2])))
     else:
         asyncio.run(run(what))
-        if what in ("all", "start"):
-            print("| axes | tags | start s | CPU s | MiB more |\n|---|---|---|---|---|")
-            for axes in (2, 100, 1000):
-                subprocess.run([sys.executable, __file__, "start", str(axes)], check=True)
 
 
 if __name__ == "__main__":
