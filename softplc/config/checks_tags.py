@@ -9,7 +9,7 @@ from softplc.config.checks_names import at
 from softplc.config.checks_values import host_and_port
 from softplc.config.facts import KEY_OF_KIND, Facts, Item, TagUse
 from softplc.config.problem import LONG, Problem, shown
-from softplc.config.tree import Node, Scalar, below, text_at
+from softplc.config.tree import Node, Scalar, below, text_at, where
 from softplc.drivers.modbus.address import LAST_OFFSET, Address, parse_address
 from softplc.drivers.modbus.config import ModbusTag
 from softplc.drivers.opcua.node import parse_address as parse_node
@@ -50,6 +50,11 @@ class Span:
     def line(self) -> int:
         """Line of the address."""
         return at(below(self.tag.block, _key(self.tag)), self.tag.block)[0]
+
+    @property
+    def where(self) -> str:
+        """Where the address stands, in words."""
+        return where(below(self.tag.block, _key(self.tag)) or self.tag.block)
 
 
 def check(facts: Facts) -> Iterator[Problem]:
@@ -191,7 +196,7 @@ def _overlaps(spans: list[Span], *, partial: bool) -> Iterator[Problem]:
                 first, second = sorted((furthest, span), key=lambda each: each.line)
                 same = (first.start, first.stop) == (second.start, second.stop)
                 how = "is written already" if same else f"overlaps {first.label}"
-                text = f"{second.label} {how} ({first.tag}, line {first.line}), expected another address"
+                text = f"{second.label} {how} ({first.tag}, {first.where}), expected another address"
                 yield _problem(second.tag, _key(second.tag), text)
             if span.stop > furthest.stop:
                 furthest = span
@@ -208,7 +213,7 @@ def _loops(spans: list[Span]) -> Iterator[Problem]:
         other = next((reader[key, place] for place in span.places if (key, place) in reader), None)
         if other is not None:
             text = (
-                f"{span.label} is also read ({other.tag}, line {other.line}), which closes a loop, "
+                f"{span.label} is also read ({other.tag}, {other.where}), which closes a loop, "
                 "expected an address that softplc does not read"
             )
             yield _problem(span.tag, _key(span.tag), text)

@@ -18,7 +18,16 @@ from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
 
 FOLDER = Path(__file__).parents[2] / "config"
 SCHEMA = FOLDER / "softplc.schema.json"
-FILES = ("minimal.yaml", "demo.yaml", "plant.yaml", "observers.yaml", "end_stops.yaml", "replay.yaml")
+FILES = (
+    "minimal.yaml",
+    "demo.yaml",
+    "plant.yaml",
+    "observers.yaml",
+    "end_stops.yaml",
+    "replay.yaml",
+    "thousand.yaml",
+    "table.yaml",
+)
 MODELINE = "# yaml-language-server: $schema=./softplc.schema.json\n"
 DRAFTS = {"2020-12": jsonschema.Draft202012Validator, "draft-07, as editors read it": jsonschema.Draft7Validator}
 
