@@ -3,9 +3,15 @@
 import asyncio
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
 from softplc.cli.output import messages, print_json, print_table
 from softplc.errors import ConfigError, LinkError, SoftplcError, UsageError
+
+if TYPE_CHECKING:
+    from softplc.config.models import Config
+
+_SHOWN: Final = 50  # rows of a table that people read
 
 
 def check(path: Path, *, connect: bool, as_json: bool) -> int:
@@ -27,8 +33,10 @@ def check(path: Path, *, connect: bool, as_json: bool) -> int:
         if as_json:
             print_json(rows)
         else:
-            print_table(rows, ("axis", "task", "period_ms", "source", "tag", "unit", "observer"))
-        messages.print(f"{path}: valid", style="green")
+            print_table(rows[:_SHOWN], ("axis", "task", "period_ms", "source", "tag", "unit", "observer"))
+            if len(rows) > _SHOWN:
+                messages.print(f"… and {len(rows) - _SHOWN} more; --json prints all of them")
+        messages.print(f"{path}: valid, {_counted(config)}", style="green")
         return 0
     rows, texts = read_once(config)
     if as_json:
@@ -47,6 +55,12 @@ def check(path: Path, *, connect: bool, as_json: bool) -> int:
         messages.print(f"Bad: {', '.join(bad)}", style="red", markup=False)
         return SoftplcError.exit_code
     return 0
+
+
+def _counted(config: "Config") -> str:
+    """What a configuration has of everything, templates expanded."""
+    counts = (("axis", "axes", config.axes), ("source", "sources", config.sources), ("task", "tasks", config.tasks))
+    return ", ".join(f"{len(many)} {one if len(many) == 1 else more}" for one, more, many in counts)
 
 
 def browse(url: str, contains: str, *, yaml: bool, user: str | None, as_json: bool) -> int:

@@ -1,7 +1,8 @@
 """What every observer shares: the axis as configured, its tags, and its place in the images."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, Final, Literal, Protocol
 
 import numpy as np
@@ -108,12 +109,22 @@ def leaves_of(spec: AxisSpec, observer: ObserverModel) -> tuple[str, ...]:
 
 def axis_tags(spec: AxisSpec, observer: ObserverModel) -> tuple[Tag, ...]:
     """The published tags of one axis, in order."""
-    return tuple(_tag(spec, leaf, observer) for leaf in leaves_of(spec, observer))
+    return tuple(Tag(f"{spec.name}.{leaf}", *rest) for leaf, rest in _alike(replace(spec, name=""), observer))
 
 
-def _tag(spec: AxisSpec, name: str, observer: ObserverModel) -> Tag:
+@lru_cache(maxsize=64)
+def _alike(spec: AxisSpec, observer: ObserverModel) -> tuple[tuple[str, tuple[Any, ...]], ...]:
+    """Leaves, and what their tags are beside the name: thousands of axes that are configured alike have the same."""
     variants: Mapping[str, Leaf] = getattr(observer, "variants", {})  # where an option gives a leaf another unit
-    leaf = variants.get(name, LEAVES[name])
+    tuning = frozenset(observer.tuning)
+    return tuple(
+        (name, _tag(spec, name, variants.get(name, LEAVES[name]), observer, tuning))
+        for name in leaves_of(spec, observer)
+    )
+
+
+def _tag(spec: AxisSpec, name: str, leaf: Leaf, observer: ObserverModel, tuning: Set[str]) -> tuple[Any, ...]:
+    """The fields of a tag after its name."""
     role, span, limits, writable = Role.DIAGNOSTIC, None, None, False
     if name in ("Position", "Velocity"):
         role = Role.OUTPUT
@@ -122,14 +133,13 @@ def _tag(spec: AxisSpec, name: str, observer: ObserverModel) -> Tag:
     elif name in COMMANDS:
         role = Role.TUNING
         writable = spec.enable_writable or (name == "Reset" and spec.tuning_writable)
-    elif name in observer.tuning:
+    elif name in tuning:
         role = Role.TUNING
         writable = spec.tuning_writable and leaf.limits is not None
         limits = _limits(leaf, observer) if writable else None
     if name in ("Position", "Raw"):
         span = spec.range
-    unit = leaf.unit_of(spec.unit)
-    return Tag(f"{spec.name}.{name}", unit, leaf.description, role, leaf.data_type, span, writable, limits)
+    return leaf.unit_of(spec.unit), leaf.description, role, leaf.data_type, span, writable, limits
 
 
 def _limits(leaf: Leaf, observer: ObserverModel) -> tuple[float, float] | None:
