@@ -109,7 +109,7 @@ def leaves_of(spec: AxisSpec, observer: ObserverModel) -> tuple[str, ...]:
 
 def axis_tags(spec: AxisSpec, observer: ObserverModel) -> tuple[Tag, ...]:
     """The published tags of one axis, in order."""
-    return tuple(Tag(f"{spec.name}.{leaf}", *rest) for leaf, rest in _alike(replace(spec, name=""), observer))
+    return tuple(Tag(f"{spec.name}.{leaf}", *rest) for leaf, rest in _alike(replace(spec, name=""), observer))  # type: ignore[arg-type]
 
 
 @lru_cache(maxsize=64)
