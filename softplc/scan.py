@@ -64,6 +64,7 @@ def source_tags(name: str) -> tuple[Tag, ...]:
         tag("Reconnects", "", "Times that the link was lost since start"),
         tag("Writes", "", "Values written into the source since start"),
         tag("WriteErrors", "", "Values that could not be written since start"),
+        tag("SlowPath", "", "Messages and values that the driver had to decode one by one since start"),
         tag("ReadTime", "s", "Duration of the last successful read", DataType.DOUBLE),
         tag("Age", "s", "Time since the last successful read", DataType.DOUBLE),
     )
@@ -175,6 +176,7 @@ class CyclicTask:
                 counted.reconnects,
                 counted.writes,
                 counted.write_errors,
+                counted.slow_path,
                 counted.read_time,
                 0.0 if counted.last_read > scan.start else scan.start - counted.last_read,  # read within this scan
             )

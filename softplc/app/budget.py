@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from softplc.drivers.modbus.plan import Request
 
 MUCH: Final = 0.5  # of the period; beyond it the next thing that takes the processor makes a scan late
-_READS: Final = 1000  # tags of one OPC-UA Read where the server sets no limit of its own
+_READS: Final = 5000  # tags of one OPC-UA Read where the server takes no fewer
 _NAMED: Final = 3  # sources that are shown one by one
 _MS: Final = 1e-3  # of a µs
 _BITS: Final = 11.0  # of a byte on a serial line

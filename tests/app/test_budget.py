@@ -86,7 +86,7 @@ def test_requests_are_those_that_the_driver_would_send() -> None:
 
     assert requests(budget(100, 50, MODBUS)) == 2  # 200 registers, 125 in one
     assert requests(budget(100, 50, MODBUS, max_registers=20)) == 10
-    assert requests(budget(2500, 50)) == 3
+    assert requests(budget(6000, 50)) == 2
 
 
 @pytest.mark.parametrize("name", ["minimal", "demo", "plant", "observers", "end_stops", "table", "thousand"])

@@ -83,6 +83,7 @@ SOURCE: Final = Frame(
     },
     (),
     range(16, 20),
+    frozenset({"SlowPath"}),
 )
 AXIS: Final = Frame(
     AXES,

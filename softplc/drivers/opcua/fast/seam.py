@@ -49,13 +49,14 @@ def proven(version: str | None = None) -> bool:
 class Request:
     """A request, encoded once; each sending patches its timestamp and its handle.
 
-    `response` is the type of its answer.
+    `response` is the type of its answer, which the server may give when it likes where the request is not `timed`.
     """
 
-    def __init__(self, client: UaClient, request: Any, response: type) -> None:
+    def __init__(self, client: UaClient, request: Any, response: type, timed: bool = True) -> None:
         protocol, header = client.protocol, request.RequestHeader
         header.AuthenticationToken = protocol.authentication_token
-        header.TimeoutHint = int(protocol.timeout * 1000)
+        header.TimeoutHint = int(protocol.timeout * 1000) if timed else 0
+        self.timed = timed
         self.response = response
         self.answer_head = nodeid_to_binary(response().TypeId)
         self.body = bytearray(struct_to_binary(request))
@@ -67,8 +68,8 @@ class Request:
         return memoryview(self.body)
 
 
-async def exchange(client: UaClient, request: Request, now: int, timed: bool = True) -> bytes:
-    """Send a request, at the time `now` in ns UTC, and wait for the body of its answer, `timed` or without end.
+async def exchange(client: UaClient, request: Request, now: int) -> bytes:
+    """Send a request, at the time `now` in ns UTC, and wait for the body of its answer: without end if not timed.
 
     Raises what asyncua raises: ConnectionError, TimeoutError, UaStatusCodeError for a ServiceFault.
     """
@@ -85,7 +86,7 @@ async def exchange(client: UaClient, request: Request, now: int, timed: bool = T
     answer: asyncio.Future[Buffer] = loop.create_future()
     protocol._callbackmap[number] = answer
     protocol.transport.write(message)
-    if timed:
+    if request.timed:
         alarm = loop.call_later(protocol.timeout, _expire, answer)
         try:
             buffer = await answer
