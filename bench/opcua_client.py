@@ -25,7 +25,7 @@ from softplc.drivers.opcua.driver import OpcUaDriver
 from softplc.tags import Image
 from tests.support.network import free_port
 
-SECONDS = 6.0
+SECONDS = 4.0
 """For each row, of measuring."""
 PEERS = Path(os.environ.get("SOFTPLC_PEERS", Path(__file__).parent.parent / "tests" / "peers"))
 Read = Callable[[], Awaitable[object]]

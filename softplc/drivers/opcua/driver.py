@@ -82,6 +82,7 @@ class OpcUaDriver:
         )
         self._sampling = period if config.sampling_ms is None else config.sampling_ms / 1000.0
         self._plan: list[ReadPlan] | list[_Batch] = []
+        self._unresolved: list[Binding] = []
         self.slow = SlowState()
         self._writes = Writes(self._session, self.slow)
         self._subscription: Subscription | None = None
@@ -148,9 +149,8 @@ class OpcUaDriver:
             arrival, now = self._clock.monotonic(), self._clock.utc_ns()
             for binding, data in zip(batch.bindings, values, strict=True):
                 put(binding, data, into, arrival, now)
-        for binding in self._readings:
-            if binding.node is None:
-                into.fail(binding.status, (position for position, _ in binding.uses))
+        for binding in self._unresolved:
+            into.fail(binding.status, (position for position, _ in binding.uses))
 
     async def write(self, values: Mapping[int, float]) -> dict[int, int]:
         """Write numbers as each variable's own type; one that does not fit it is not sent and BadOutOfRange.
@@ -209,6 +209,7 @@ class OpcUaDriver:
 
     def _make_plan(self) -> "list[ReadPlan] | list[_Batch]":
         """Every resolved variable, those with a problem too: its status is the server's, and its end is seen."""
+        self._unresolved = [binding for binding in self._readings if binding.node is None]
         found = [binding for binding in self._readings if binding.node is not None] or [server_time()]
         if proven():
             before = [plan for plan in self._plan if isinstance(plan, ReadPlan)]
