@@ -120,7 +120,7 @@ def _source(layout: SourceLayout, period: float, costs: Costs) -> Share:
     if source.type == "opcua" and source.mode == "subscribe":
         sampling = source.sampling_ms if source.sampling_ms is not None else period
         changes = tags * period / max(sampling, 1.0)
-        own = changes * costs.subscribed
+        own = costs.opcua.once + changes * costs.subscribed
         return Share(f"{source.name} {tags} tags, subscribed, all changing", own * _MS)
     what = f"{source.name} {tags} tag{'s' * (tags != 1)}"
     if source.type == "opcua":

@@ -121,7 +121,8 @@ class Changes:
             told = samples.told[newest]
             for place in np.flatnonzero(told & BAD):
                 self._readings[handles[place]].note(int(told[place]))
-        return [int(handle) for handle in handles]
+        found: list[int] = handles.tolist()
+        return found
 
     def _put(self, samples: Samples, records: NDArray[np.intp], arrival: float, now: int) -> None:
         latest, told_of = self._latest, records >= 0
