@@ -41,7 +41,8 @@ log = structlog.get_logger(__name__)
 class LinkStatistics:
     """What a link counts since start; `read_time` is the last successful read's duration in seconds.
 
-    `off_scan`: no scan waits for the device, because it did not answer in time.
+    `off_scan`: no scan waits for the device, because it did not answer in time. `slow_path`: messages and values that
+    the driver could not decode all at once.
     """
 
     connected: bool = False
@@ -49,6 +50,7 @@ class LinkStatistics:
     reads: int = 0
     read_errors: int = 0
     reconnects: int = 0
+    slow_path: int = 0
     read_time: float = 0.0
     last_read: float = field(default=float("nan"))
 
@@ -85,6 +87,7 @@ class Link:
         self._missed = 0  # scans in a row that waited in vain
         self._answered = False  # what this scan asked was answered
         self._late = False  # the outstanding read was asked for in an earlier scan
+        self._slow_before = 0  # slow_path of the connections before this one
         self._slow = False  # the last reply was late, and so was the one before
         self._closing: set[asyncio.Task[None]] = set()
         self._told = Told(name, clock)
@@ -163,6 +166,7 @@ class Link:
             self._lost.clear()
             self._driver = driver
             self.statistics.connected = True
+            self._slow_before = self.statistics.slow_path
             self._told.up()
             self._told.words("remark", remarks)
             self._told.words("tag problem", problems)
@@ -229,6 +233,7 @@ class Link:
         self._incoming.take_over(self.samples)  # a driver may fill in only what is new
         now = self._clock.monotonic()
         self.statistics.reads += 1
+        self.statistics.slow_path = self._slow_before + getattr(driver, "slow_path", 0)
         self.statistics.read_time = now - begun
         self.statistics.last_read = now
         self.life.look(self.samples, now, self._clock.utc_ns())

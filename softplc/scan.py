@@ -77,6 +77,7 @@ def source_tags(name: str, heartbeat: bool = False, skew: bool = False) -> tuple
         tag("Writes", "", "Values written into the source since start"),
         tag("WriteErrors", "", "Values that could not be written since start"),
         tag("WriteMismatches", "", "Times that another value was read back than written", DataType.UINT16),
+        tag("SlowPath", "", "Messages and values that the driver had to decode one by one since start"),
         tag("ReadTime", "s", "Duration of the last successful read", DataType.DOUBLE),
         tag("Age", "s", "Time since the last successful read", DataType.DOUBLE),
         *more,
@@ -265,6 +266,7 @@ class CyclicTask:
             place.link.writing.written,
             place.link.writing.errors,
             place.link.writing.mismatches % 65536,
+            counted.slow_path,
             counted.read_time,
             0.0 if counted.last_read > scan.start else scan.start - counted.last_read,  # read within this scan
             *place.link.life.tags(counted.connected),

@@ -4,6 +4,7 @@ The scan process and the gateway both build the layout from the same configurati
 same tag in both.
 """
 
+import gc
 import math
 from collections import defaultdict
 from collections.abc import Sequence
@@ -89,6 +90,16 @@ class Layout:
 
 def build_layout(config: Config) -> Layout:
     """Lay out the tasks that have axes, in the order of the file."""
+    collecting = gc.isenabled()
+    gc.disable()  # nothing here becomes garbage, and looking through ten thousand axes again and again costs as much
+    try:
+        return _build_layout(config)
+    finally:
+        if collecting:
+            gc.enable()
+
+
+def _build_layout(config: Config) -> Layout:
     table = TagTable()
     sources = {source.name: source for source in config.sources}
     tasks: list[TaskLayout] = []

@@ -3,14 +3,20 @@
 import asyncio
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
 from softplc.cli.output import messages, print_json, print_table
 from softplc.errors import ConfigError, LinkError, SoftplcError, UsageError
 
+if TYPE_CHECKING:
+    from softplc.config.models import Config
+
+_SHOWN: Final = 50  # rows of a table that people read
+
 
 def check(path: Path, *, connect: bool, as_json: bool) -> int:
     """Validate, and with `connect` read every tag once; see `softplc check --help`."""
-    from softplc.app.checking import describe, missing_secrets, read_once  # noqa: PLC0415
+    from softplc.app.checking import missing_secrets, read_once  # noqa: PLC0415
     from softplc.config.load import load  # noqa: PLC0415
     from softplc.config.remarks import remarks  # noqa: PLC0415
 
@@ -23,12 +29,7 @@ def check(path: Path, *, connect: bool, as_json: bool) -> int:
     for text in (*missing_secrets(config), *remarks(config)):
         messages.print(f"{path}: {text}", style="yellow", markup=False)
     if not connect:
-        rows = describe(config)
-        if as_json:
-            print_json(rows)
-        else:
-            print_table(rows, ("axis", "task", "period_ms", "source", "tag", "unit", "observer"))
-        messages.print(f"{path}: valid", style="green")
+        _print_axes(path, config, as_json=as_json)
         return 0
     rows, texts = read_once(config)
     if as_json:
@@ -48,6 +49,40 @@ def check(path: Path, *, connect: bool, as_json: bool) -> int:
         messages.print(f"Bad: {', '.join(bad)}", style="red", markup=False)
         return SoftplcError.exit_code
     return 0
+
+
+def _print_axes(path: Path, config: "Config", *, as_json: bool) -> None:
+    """The axes, what they will cost, and that all is well."""
+    from softplc.app.checking import describe  # noqa: PLC0415
+
+    rows = describe(config)
+    if as_json:
+        print_json(rows)
+    else:
+        print_table(rows[:_SHOWN], ("axis", "task", "period_ms", "source", "tag", "unit", "observer"))
+        if len(rows) > _SHOWN:
+            messages.print(f"… and {len(rows) - _SHOWN} more; --json prints all of them")
+    _print_budget(path, config)
+    messages.print(f"{path}: valid, {_counted(config)}", style="green")
+
+
+def _print_budget(path: Path, config: "Config") -> None:
+    """How much of its period each task is predicted to take, and a warning where that is much."""
+    from softplc.app.budget import budgets, explanation, warnings  # noqa: PLC0415
+    from softplc.app.layout import build_layout  # noqa: PLC0415
+
+    found = budgets(build_layout(config))
+    for budget in found:
+        messages.print(f"{path}: {budget}", markup=False)
+    messages.print(f"{path}: {explanation()}", style="dim", markup=False)
+    for text in warnings(found):
+        messages.print(f"{path}: {text}", style="yellow", markup=False)
+
+
+def _counted(config: "Config") -> str:
+    """What a configuration has of everything, templates expanded."""
+    counts = (("axis", "axes", config.axes), ("source", "sources", config.sources), ("task", "tasks", config.tasks))
+    return ", ".join(f"{len(many)} {one if len(many) == 1 else more}" for one, more, many in counts)
 
 
 def browse(url: str, contains: str, *, yaml: bool, user: str | None, as_json: bool) -> int:

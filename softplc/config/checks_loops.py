@@ -28,10 +28,10 @@ def loops(spans: list[Span]) -> Iterator[Problem]:
         same = next((other for other in others if _address(other) == _address(span)), None)
         alike = next(iter(others), None)
         if same is not None:
-            text = f"{span.label} is also read ({same.tag}, line {same.line}), which closes a loop, {_RIGHT}"
+            text = f"{span.label} is also read ({same.tag}, {same.where}), which closes a loop, {_RIGHT}"
         elif alike is not None:
             text = (
-                f"{span.label} may be {alike.label}, which is read ({alike.tag}, line {alike.line}), and close a "
+                f"{span.label} may be {alike.label}, which is read ({alike.tag}, {alike.where}), and close a "
                 f"loop: an index and a URI may mean one namespace, expected both spelled alike, or {_RIGHT[9:]}"
             )
         else:

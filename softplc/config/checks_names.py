@@ -7,7 +7,7 @@ from softplc.config import words
 from softplc.config.facts import Facts, Item
 from softplc.config.models import Task
 from softplc.config.problem import Path, Problem, shown
-from softplc.config.tree import Mapping, Node, below, items_at, text_at
+from softplc.config.tree import Mapping, Node, below, items_at, text_at, where
 
 RESERVED: Final = ("Tasks", "Sources")  # their tags stand beside the axes in the address space
 DEFAULT_TASK: Final[str] = Task.model_fields["name"].default
@@ -46,6 +46,11 @@ def task_names(facts: Facts) -> list[str | None]:
     return named or [DEFAULT_TASK]
 
 
+def named_at(item: Item) -> str:
+    """Where an entry's name stands, in words."""
+    return where(below(item.block, "name") or item.block)
+
+
 def _twice(what: str, items: Iterable[Item]) -> Iterator[Problem]:
     first: dict[str, Item] = {}
     for item in items:
@@ -57,12 +62,16 @@ def _twice(what: str, items: Iterable[Item]) -> Iterator[Problem]:
         same = first.setdefault(name.casefold() if what == "axis" else name, item)
         if same is item:
             continue
-        line = place(same)[0]
-        if same.name in (name, None):
-            text = f"found a second {what} {shown(name)} (the first is in line {line}), expected a name of its own"
+        node = below(item.block, "name")
+        if node is not None and node is below(same.block, "name") and item.block.line == same.block.line:
+            text = f"every instance is called {shown(name)}, expected a placeholder in it, as in {shown(name)}{{n}}"
+        elif same.name in (name, None):
+            text = (
+                f"found a second {what} {shown(name)} (the first is in {named_at(same)}), expected a name of its own"
+            )
         else:
             text = (
-                f"found {shown(name)}, which differs from the axis {shown(str(same.name))} in line {line} "
+                f"found {shown(name)}, which differs from the axis {shown(str(same.name))} in {named_at(same)} "
                 "in case alone, expected a name that cannot be confused with it"
             )
         yield Problem(*place(item), (*item.path, "name"), text)
@@ -128,7 +137,7 @@ def _split_sources(facts: Facts) -> Iterator[Problem]:
             said.add((source, task))
             text = (
                 f"found {shown(source)} in task {shown(task)}, but task {shown(first)} reads it already "
-                f"(axis {shown(axis.name or '')}, line {place(axis)[0]}), expected one task for a source; "
+                f"(axis {shown(axis.name or '')}, {named_at(axis)}), expected one task for a source; "
                 "declare the source a second time under another name"
             )
             yield Problem(*at(below(tag.block, "source"), tag.block), (*tag.path, "source"), text)

@@ -143,7 +143,7 @@ def _overlaps(spans: list[Span], *, partial: bool) -> Iterator[Problem]:
                 first, second = sorted((furthest, span), key=lambda each: each.line)
                 same = (first.start, first.stop) == (second.start, second.stop)
                 how = "is written already" if same else f"overlaps {first.label}"
-                text = f"{second.label} {how} ({first.tag}, line {first.line}), expected another address"
+                text = f"{second.label} {how} ({first.tag}, {first.where}), expected another address"
                 yield _problem(second.tag, key_of(second.tag), text)
             if span.stop > furthest.stop:
                 furthest = span

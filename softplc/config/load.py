@@ -12,6 +12,7 @@ from typing import TypeVar
 from pydantic import BaseModel
 
 from softplc.config import checks, syntax, words
+from softplc.config.expand import expand
 from softplc.config.models import Config
 from softplc.config.problem import Problem, report
 from softplc.config.schema import schema
@@ -35,10 +36,11 @@ def load_model(path: Path | str, model: type[M]) -> M:
         document = syntax.read(text)
         problems += document.problems
         if document.root is not None:
-            made, wrong = validate(document.root, model)
-            problems += wrong
+            expansion = expand(document.root, Path(path).parent)
+            made, wrong = validate(document.root, model, expansion)
             if issubclass(model, Config):
-                problems += checks.check(document.root)
+                wrong += checks.check(document.root)
+            problems += expansion.located(document.root, wrong)
         elif not document.broken:
             wanted = words.expected(schema(model), schema(model))
             problems.append(Problem(1, 1, (), f"the file is empty, expected {wanted}"))

@@ -9,7 +9,7 @@ from softplc.config.schema import CHOICES, SECRET, Fragment, resolved, unit_of
 from softplc.config.tree import Hole, Mapping, Node, Scalar, below
 
 _LOGIN: Final = re.compile(r"/[^/\s]*:[^/\s]*@")  # as in opc.tcp://joe:secret@host
-_SECRET_KEY: Final = re.compile(r"passw|passphrase|pwd|secret|token", re.I)
+SECRET_KEY: Final = re.compile(r"passw|passphrase|pwd|secret|token", re.I)
 
 
 @dataclass(slots=True)
@@ -59,7 +59,7 @@ def _down(place: Place, top: Fragment, step: Key) -> Place:
         known = around.get("properties", {}).get(step)
         part = known or around.get("additionalProperties") or {}
         unit = unit_of(step, part)
-        secret = secret or bool(_SECRET_KEY.search(step))
+        secret = secret or bool(SECRET_KEY.search(step))
         if "unit" in around.get("properties", {}):
             axis_unit = _unit_in(place.node)
     node = below(place.node, step)

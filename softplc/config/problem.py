@@ -19,10 +19,11 @@ class Problem:
     column: int
     path: Path
     text: str
+    file: str = ""  # another one than the configuration: a table that it names
 
     def sentence(self, file: str) -> str:
         """The problem as one line of a report."""
-        return f"{file}:{self.line}:{self.column}: {path_text(self.path)}: {self.text}"
+        return f"{self.file or file}:{self.line}:{self.column}: {path_text(self.path)}: {self.text}"
 
 
 def path_text(path: Path) -> str:
@@ -49,7 +50,10 @@ def shown(text: str, most: int = 40) -> str:
 
 def report(problems: Iterable[Problem], file: str) -> list[str]:
     """All problems as lines, by position, each once."""
-    ordered = sorted(set(problems), key=lambda problem: (problem.line, problem.column, path_text(problem.path)))
+    ordered = sorted(
+        set(problems),
+        key=lambda problem: (problem.file, problem.line, problem.column, path_text(problem.path), problem.text),
+    )
     lines = [problem.sentence(file) for problem in ordered[:MOST]]
     if len(ordered) > MOST:
         first = ordered[MOST]

@@ -15,6 +15,7 @@ from softplc.config import schema as schemas
 from softplc.config import words
 from softplc.config.models import Config
 from softplc.config.schema import CHOICES, UNIT, Fragment, resolved
+from softplc.config.schema_templates import FOR_DESCRIPTION, LISTS
 from softplc.emulator.scenario import Scenario
 
 PAGES: Final[dict[Path, type[BaseModel]]] = {
@@ -31,7 +32,7 @@ def reference(model: type[BaseModel] = Config) -> str:
     """A section for each block of the file: heading, description, table of its keys."""
     top = schemas.schema(model)
     headings = _headings(top)
-    sections = [_section(top, headings, "The file", top)]
+    sections = [_section(top, headings, "The file", top), _templates(top)]
     sections += [_section(top, headings, heading, top["$defs"][name]) for name, heading in headings.items()]
     return "\n".join(sections)
 
@@ -41,6 +42,25 @@ def renewed(page: str, model: type[BaseModel] = Config) -> str:
     before, _, rest = page.partition(_BEGIN)
     _, _, after = rest.partition(_END)
     return f"{before}{_BEGIN}\n{reference(model)}\n{_END}{after}"
+
+
+def _templates(top: Fragment) -> str:
+    """The section about `for`, which no block has as a key of its own."""
+    lists = ["[].".join(path) for path in LISTS if path[0] in top["properties"]]
+    named = ", ".join(f"`{name}[]`" for name in lists)
+    return "\n".join(
+        [
+            "### `for`",
+            "",
+            f"A key of any entry of {named}.",
+            "",
+            "| key | what | default | meaning |",
+            "|---|---|---|---|",
+            "| `for` | a range as in `1..100` or `0..98 step 2`, a list, names with either, a table as in `tags.csv` "
+            f"| none | {FOR_DESCRIPTION} |",
+            "",
+        ]
+    )
 
 
 def _headings(top: Fragment) -> dict[str, str]:

@@ -12,6 +12,7 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
 from softplc.config.models import Config
+from softplc.config.schema_templates import with_templates
 
 Fragment = dict[str, Any]
 """A part of a schema: the keywords of one value."""
@@ -87,7 +88,8 @@ def json_schema(model: type[BaseModel] = Config) -> Fragment:
             return {key: strip(value) for key, value in part.items() if key not in _INTERNAL}
         return [strip(item) for item in part] if isinstance(part, list) else part
 
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **strip(schema(model))}
+    made = strip(schema(model))
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **with_templates(made)}
 
 
 def text(model: type[BaseModel] = Config) -> str:

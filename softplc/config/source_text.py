@@ -14,16 +14,19 @@ _CONTROL: Final = dict.fromkeys(
 )
 
 
-def read_text(path: Path) -> tuple[str | None, list[Problem]]:
-    """The text (None: there is none) and the problems found; bad characters are replaced, so that it can be read."""
-    data = _bytes(path)
+def read_text(path: Path, kind: str = "YAML") -> tuple[str | None, list[Problem]]:
+    """The text (None: there is none) and the problems found; bad characters are replaced, so that it can be read.
+
+    `kind` is what the file should be, YAML or CSV.
+    """
+    data = _bytes(path, kind)
     if isinstance(data, bytes):
-        wrong = _no_yaml(data)
+        wrong = _no_text(data, kind)
         return (None, [_whole(wrong)]) if wrong else _decoded(data.removeprefix(b"\xef\xbb\xbf"))
     return None, [_whole(data)]
 
 
-def _bytes(path: Path) -> bytes | str:
+def _bytes(path: Path, kind: str) -> bytes | str:
     """The file's bytes, one more than are allowed at most; or why there are none."""
     try:
         mode = path.stat().st_mode
@@ -31,33 +34,34 @@ def _bytes(path: Path) -> bytes | str:
             with path.open("rb") as file:
                 return file.read(MOST_BYTES + 1)
     except FileNotFoundError:
-        return f"there is no such file{_similar(path)}"
+        return f"there is no such file{_similar(path, kind)}"
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         return f"cannot be read ({reason}), expected a readable file"
-    return f"this is {'a directory' if stat.S_ISDIR(mode) else 'no regular file'}, expected a YAML file"
+    return f"this is {'a directory' if stat.S_ISDIR(mode) else 'no regular file'}, expected a {kind} file"
 
 
-def _no_yaml(data: bytes) -> str:
-    """Why these bytes are no YAML file; empty when they may be one."""
+def _no_text(data: bytes, kind: str) -> str:
+    """Why these bytes are no text file; empty when they may be one."""
     if len(data) > MOST_BYTES:
         return f"larger than {MOST_BYTES // 2**20} MiB, expected a smaller file"
     if data[:2] in _UTF_16_MARKS:
         return "the file is UTF-16, expected UTF-8; save it as UTF-8"
-    return "the file is binary, expected a YAML text" if b"\0" in data else ""
+    return f"the file is binary, expected a {kind} text" if b"\0" in data else ""
 
 
 def _whole(text: str) -> Problem:
     return Problem(1, 1, (), text)
 
 
-def _similar(path: Path) -> str:
+def _similar(path: Path, kind: str) -> str:
+    suffixes = (".yaml", ".yml") if kind == "YAML" else (f".{kind.lower()}",)
     try:
-        names = [entry.name for entry in path.parent.iterdir() if entry.suffix in (".yaml", ".yml")]
+        names = [entry.name for entry in path.parent.iterdir() if entry.suffix in suffixes]
     except OSError:
         return f", nor a directory {path.parent}"
     near = get_close_matches(path.name, names, n=1)
-    return f"; did you mean {path.with_name(near[0])}?" if near else ", expected a YAML file"
+    return f"; did you mean {path.with_name(near[0])}?" if near else f", expected a {kind} file"
 
 
 def _decoded(data: bytes) -> tuple[str, list[Problem]]:

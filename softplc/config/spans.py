@@ -10,7 +10,7 @@ from typing import Any, Final
 from softplc.config.checks_names import at
 from softplc.config.checks_values import host_and_port
 from softplc.config.facts import KEY_OF_KIND, Item, TagUse
-from softplc.config.tree import Node, Scalar, below, text_at
+from softplc.config.tree import Node, Scalar, below, text_at, where
 from softplc.drivers.opcua.node import Address, BrowsePathAddress, NodeIdAddress
 
 _OPCUA_PORT: Final = 4840
@@ -39,6 +39,11 @@ class Span:
     def line(self) -> int:
         """Line of the address."""
         return at(below(self.tag.block, key_of(self.tag)), self.tag.block)[0]
+
+    @property
+    def where(self) -> str:
+        """Where the address stands, in words."""
+        return where(below(self.tag.block, key_of(self.tag)) or self.tag.block)
 
 
 def key_of(tag: TagUse) -> str:

@@ -21,6 +21,25 @@ class Scalar:
     height: int = 0
 
 
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """What one name of a template stands for in one instance, and where that is written; `file` "": nowhere."""
+
+    text: str
+    value: Value
+    line: int = 0
+    column: int = 0
+    file: str = ""
+
+
+@dataclass(slots=True)
+class Made(Scalar):
+    """A value that a template's placeholders made: `instance` says of which one, `cell` where a table has it."""
+
+    instance: str = ""
+    cell: Cell | None = None
+
+
 @dataclass(slots=True)
 class Hole:
     """A place whose value cannot be told because it is wrong in itself; that was reported, so nothing else is."""
@@ -29,6 +48,7 @@ class Hole:
     column: int
     size: int = 1
     height: int = 0
+    cell: Cell | None = None
 
 
 @dataclass(slots=True)
@@ -75,6 +95,15 @@ def plain(node: Node) -> Any:
     if isinstance(node, Sequence):
         return [plain(item) for item in node.items]
     return node.value if isinstance(node, Scalar) else None
+
+
+def where(node: Node) -> str:
+    """Where a value stands, in words: its line, with the instance of a template or in the table it is from."""
+    if not isinstance(node, Made):
+        return f"line {node.line}"
+    if node.cell is not None:
+        return f"line {node.cell.line} of {node.cell.file}"
+    return f"line {node.line}, {node.instance}"
 
 
 def below(node: Node | None, *path: str | int) -> Node | None:

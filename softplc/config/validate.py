@@ -11,6 +11,7 @@ from typing import Any, Final, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from softplc.config import words
+from softplc.config.expand import Expansion
 from softplc.config.mend import Mend, misspelt_key, misspelt_word
 from softplc.config.place import Place, follow
 from softplc.config.problem import LONG, Problem, shown
@@ -22,12 +23,26 @@ M = TypeVar("M", bound=BaseModel)
 Judged = tuple[Problem, Mend | None]
 
 
-def validate(root: Node, model: type[M]) -> tuple[M | None, list[Problem]]:
-    """The model, or None and everything that is wrong. May mend mistyped keys in the tree; they stay reported."""
+def validate(root: Node, model: type[M], expansion: Expansion | None = None) -> tuple[M | None, list[Problem]]:
+    """The model, or None and everything that is wrong. May mend mistyped keys in the tree; they stay reported.
+
+    Of errors that all instances of a template have, the first one alone is looked at.
+    """
     kept: list[Problem] = []
+    mended: set[Any] = set()
     for _ in range(_ROUNDS):
         made, errors = _parse(root, model)
-        judged = [each for error in errors for each in _judge(root, schema(model), error)]
+        judged: list[Judged] = []
+        seen = set(mended)
+        for error in errors:
+            place = follow(root, schema(model), error["loc"])
+            key = None if expansion is None else _same(place, error["type"], expansion)
+            if key is None or key not in seen:
+                found = list(_judge(root, schema(model), error, place))
+                judged += found
+                seen.add(key)
+                if any(mend is not None for _, mend in found):
+                    mended.add(key)
         mends = [(problem, mend) for problem, mend in judged if mend is not None]
         if not mends:
             return (None if kept else made), kept + [problem for problem, _ in judged]
@@ -44,10 +59,18 @@ def _parse(root: Node, model: type[M]) -> tuple[M | None, list[Any]]:
         return None, list(error.errors(include_url=False, include_input=False))
 
 
-def _judge(root: Node, top: Fragment, error: Any) -> Iterator[Judged]:
+def _same(place: Place, kind: str, expansion: Expansion) -> Any:
+    """What the same error in other instances of a template has in common; None for a value of this instance alone."""
+    path, template, _ = expansion.origin(place.path)
+    node = place.node or place.parent
+    if template is None or expansion.cell(place.path, place.node) is not None:
+        return None
+    return id(template), path, kind, node.line, node.column
+
+
+def _judge(root: Node, top: Fragment, error: Any, place: Place) -> Iterator[Judged]:
     """The problems behind one of pydantic's errors, each with a way to mend it where its meaning is plain."""
     kind = error["type"]
-    place = follow(root, top, error["loc"])
     node, fragment = place.node, place.fragment
     if kind == "extra_forbidden":
         yield _unknown_key(place)

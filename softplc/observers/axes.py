@@ -1,8 +1,9 @@
 """What every observer shares: the axis as configured, its tags, and its place in the images."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, Final, Literal, Protocol
 
 import numpy as np
@@ -128,12 +129,22 @@ def leaves_of(spec: AxisSpec, observer: ObserverModel) -> tuple[str, ...]:
 
 def axis_tags(spec: AxisSpec, observer: ObserverModel) -> tuple[Tag, ...]:
     """The published tags of one axis, in order."""
-    return tuple(_tag(spec, leaf, observer) for leaf in leaves_of(spec, observer))
+    return tuple(Tag(f"{spec.name}.{leaf}", *rest) for leaf, rest in _alike(replace(spec, name=""), observer))  # type: ignore[arg-type]
 
 
-def _tag(spec: AxisSpec, name: str, observer: ObserverModel) -> Tag:
+@lru_cache(maxsize=64)
+def _alike(spec: AxisSpec, observer: ObserverModel) -> tuple[tuple[str, tuple[Any, ...]], ...]:
+    """Leaves, and what their tags are beside the name: thousands of axes that are configured alike have the same."""
     variants: Mapping[str, Leaf] = getattr(observer, "variants", {})  # where an option gives a leaf another unit
-    leaf = variants.get(name, LEAVES[name])
+    tuning = frozenset(observer.tuning)
+    return tuple(
+        (name, _tag(spec, name, variants.get(name, LEAVES[name]), observer, tuning))
+        for name in leaves_of(spec, observer)
+    )
+
+
+def _tag(spec: AxisSpec, name: str, leaf: Leaf, observer: ObserverModel, tuning: Set[str]) -> tuple[Any, ...]:
+    """The fields of a tag after its name."""
     role, span, limits, writable = Role.DIAGNOSTIC, None, None, False
     if name in ("Position", "Velocity", "PositionNow", "VelocityNow"):
         role = Role.OUTPUT
@@ -142,7 +153,7 @@ def _tag(spec: AxisSpec, name: str, observer: ObserverModel) -> Tag:
     elif name in COMMANDS:
         role = Role.TUNING
         writable = spec.enable_writable or (name == "Reset" and spec.tuning_writable)
-    elif name in observer.tuning:
+    elif name in tuning:
         role = Role.TUNING
         writable = spec.tuning_writable and leaf.limits is not None
         limits = _limits(leaf, observer) if writable else None
@@ -151,8 +162,7 @@ def _tag(spec: AxisSpec, name: str, observer: ObserverModel) -> Tag:
         span = spec.range if signal.modulo is None else (0.0, signal.modulo)
     elif name == "Raw" and signal.counter is None:
         span = spec.range
-    unit = leaf.unit_of(spec.unit)
-    return Tag(f"{spec.name}.{name}", unit, leaf.description, role, leaf.data_type, span, writable, limits)
+    return leaf.unit_of(spec.unit), leaf.description, role, leaf.data_type, span, writable, limits
 
 
 def _limits(leaf: Leaf, observer: ObserverModel) -> tuple[float, float] | None:

@@ -28,6 +28,8 @@ FILES = (
     "signal.yaml",
     "coast.yaml",
     "replay.yaml",
+    "thousand.yaml",
+    "table.yaml",
 )
 MODELINE = "# yaml-language-server: $schema=./softplc.schema.json\n"
 DRAFTS = {"2020-12": jsonschema.Draft202012Validator, "draft-07, as editors read it": jsonschema.Draft7Validator}

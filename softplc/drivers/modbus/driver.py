@@ -47,9 +47,9 @@ class ModbusDriver:
     def __init__(
         self, config: ModbusSource, readings: Sequence[ModbusTag], writings: Sequence[ModbusTag], clock: Clock
     ) -> None:
-        self._spans = [_checked(config, tag) for tag in readings]
+        self._spans = [checked(config, tag) for tag in readings]
         for tag in writings:
-            _checked(config, tag)
+            checked(config, tag)
         self._config, self._readings, self._writings, self._clock = config, readings, writings, clock
         self._framing = framing_of(config)
         self._poll: PollState | None = None
@@ -207,7 +207,7 @@ def _take(burst: BurstState, live: Sequence[Question], polled: Round) -> None:
         polled.take(Answer(question, burst.reply(number), arrival, timestamp))
 
 
-def _checked(config: ModbusSource, tag: ModbusTag) -> Span:
+def checked(config: ModbusSource, tag: ModbusTag) -> Span:
     """What a tag occupies in the device. Raises ConfigError when it cannot be read or written as configured."""
     try:
         span = _span(tag.address, tag.data_type)

@@ -24,6 +24,7 @@ from softplc.clock import Clock
 from softplc.drivers.opcua.binding import Binding, bind, group, put, read_value, server_time
 from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
 from softplc.drivers.opcua.credentials import Credentials
+from softplc.drivers.opcua.fast.notification import Changes, Published
 from softplc.drivers.opcua.fast.plain import SlowState
 from softplc.drivers.opcua.fast.read import ReadPlan, plan_reads
 from softplc.drivers.opcua.fast.seam import proven
@@ -84,10 +85,12 @@ class OpcUaDriver:
         )
         self._sampling = period if config.sampling_ms is None else config.sampling_ms / 1000.0
         self._plan: list[ReadPlan] | list[_Batch] = []
+        self._unresolved: list[Binding] = []
         self.slow = SlowState()
         self._writes = Writes(self._session, self.slow)
         self._subscription: Subscription | None = None
         self._latest = Image(len(readings))
+        self._changes = Changes(self._readings, self._latest)
         self._witnesses = Witnesses(self._session, self._readings, self._latest, clock)
         self._answered = -math.inf
         self._awaited: set[int] = set()
@@ -118,9 +121,14 @@ class OpcUaDriver:
         return self._session.limits.write
 
     @property
+    def slow_path(self) -> int:
+        """Messages and values that the library's decoder took, one by one."""
+        return self.slow.messages + self.slow.values
+
+    @property
     def skipped(self) -> int:
         """Samples that a newer one superseded before a scan could take them (subscribe only)."""
-        return 0 if self._subscription is None else self._subscription.skipped
+        return 0 if self._subscription is None else self._subscription.skipped + self._changes.skipped
 
     async def open(self) -> None:
         """Connect, resolve every tag and check its type; a subscription waits for its first values.
@@ -150,9 +158,8 @@ class OpcUaDriver:
             arrival, now = self._clock.monotonic(), self._clock.utc_ns()
             for binding, data in zip(batch.bindings, values, strict=True):
                 put(binding, data, into, arrival, now)
-        for binding in self._readings:
-            if binding.node is None:
-                into.fail(binding.status, (position for position, _ in binding.uses))
+        for binding in self._unresolved:
+            into.fail(binding.status, (position for position, _ in binding.uses))
 
     async def write(self, values: Mapping[int, float]) -> dict[int, int]:
         """Write numbers as each variable's own type; one that does not fit it is not sent and BadOutOfRange.
@@ -215,6 +222,7 @@ class OpcUaDriver:
 
     def _make_plan(self) -> "list[ReadPlan] | list[_Batch]":
         """Every resolved variable, those with a problem too: its status is the server's, and its end is seen."""
+        self._unresolved = [binding for binding in self._readings if binding.node is None]
         found = [binding for binding in self._readings if binding.node is not None] or [server_time()]
         if proven():
             before = [plan for plan in self._plan if isinstance(plan, ReadPlan)]
@@ -228,7 +236,15 @@ class OpcUaDriver:
         config = self._config
         publishing = self._period if config.publishing_ms is None else config.publishing_ms / 1000.0
         stale_after = config.stale_after_ms / 1000.0
-        self._subscription = Subscription(self._session, self._clock, publishing, stale_after, self._take)
+        self._subscription = Subscription(
+            self._session,
+            self._clock,
+            publishing,
+            stale_after,
+            self._take,
+            self.slow,
+            self._take_changes if proven() else None,
+        )
         await self._subscription.open()
         await self._monitor(self._readings)
 
@@ -275,6 +291,13 @@ class OpcUaDriver:
         self._awaited.discard(handle)
         self._witnesses.reported(handle)
         put(self._readings[handle], data, self._latest, arrival, self._clock.utc_ns())
+
+    def _take_changes(self, body: bytes, message: Published, arrival: float) -> None:
+        before = self._changes.values
+        handles = self._changes.take(body, message, arrival, self._clock.utc_ns())
+        self.slow.values += self._changes.values - before
+        self._awaited.difference_update(handles)
+        self._witnesses.reported_all(handles)
 
     def _look_after(self) -> None:
         """Start the chores when they are due; raise what they found wrong with the connection."""

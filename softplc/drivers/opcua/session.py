@@ -108,9 +108,9 @@ class Session:
         )
         return await self._list("Read", self._transport.session.read(parameters), len(nodes))
 
-    def encode(self, request: Any, response: type) -> Request:
+    def encode(self, request: Any, response: type, timed: bool = True) -> Request:
         """A request of this session, encoded to be sent again and again; `response` is the type of its answer."""
-        return Request(self._transport, request, response)
+        return Request(self._transport, request, response, timed)
 
     async def exchange(self, request: Request) -> bytes:
         """Send an encoded request; the body of its answer, which is of the type due. Raises as the library does."""
@@ -163,6 +163,14 @@ class Session:
         with link_errors(f"{self.url}: Publish"):
             response.ResponseHeader.ServiceResult.check()
         return response
+
+    async def publish_body(self, acknowledgements: list[ua.SubscriptionAcknowledgement]) -> bytes:
+        """As `publish`, with the answer as it came."""
+        parameters = ua.PublishParameters(SubscriptionAcknowledgements=acknowledgements)
+        with link_errors(f"{self.url}: Publish"):
+            return await self.exchange(
+                self.encode(ua.PublishRequest(Parameters=parameters), ua.PublishResponse, False)
+            )
 
     @property
     def password_in_clear(self) -> bool:

@@ -17,7 +17,11 @@ from asyncua import ua
 
 from softplc.clock import Clock
 from softplc.drivers.opcua.binding import BATCH, Binding, read_value
-from softplc.drivers.opcua.session import Session, batches
+from softplc.drivers.opcua.fast.notification import Published, read_published
+from softplc.drivers.opcua.fast.plain import SlowState
+from softplc.drivers.opcua.fast.records import OddBodyError
+from softplc.drivers.opcua.fast.seam import decode_message
+from softplc.drivers.opcua.session import Session, batches, link_errors
 from softplc.drivers.opcua.values import overflowed
 from softplc.errors import LinkError
 
@@ -31,6 +35,8 @@ LIFETIME: Final = 30.0
 
 Deliver = Callable[[int, ua.DataValue, float], None]
 """Takes (handle, value, arrival on the monotonic clock)."""
+TakeChanges = Callable[[bytes, Published, float], None]
+"""Takes all changes of a message at once: (body, where they are, arrival). Raises OddBodyError when it cannot."""
 
 
 class Subscription:
@@ -38,12 +44,22 @@ class Subscription:
 
     Times in seconds. `fault` is what is wrong with it, None while all is well; `news` is set by every notification
     and by the fault; `last_sign` is the monotonic time of the last notification or keep-alive; `skipped` counts
-    samples that a newer one of the same message superseded, and queues that overflowed at the server.
+    samples that a newer one of the same message superseded, and queues that overflowed at the server, in messages
+    that asyncua decoded. With `take_changes` the others are not decoded by asyncua; `slow` counts those that are.
     """
 
     def __init__(
-        self, session: Session, clock: Clock, publishing: float, stale_after: float, deliver: Deliver
+        self,
+        session: Session,
+        clock: Clock,
+        publishing: float,
+        stale_after: float,
+        deliver: Deliver,
+        slow: SlowState,
+        take_changes: TakeChanges | None = None,
     ) -> None:
+        self._slow = slow
+        self._take_changes = take_changes
         self.fault: LinkError | None = None
         self.news = asyncio.Event()
         self.last_sign = clock.monotonic()
@@ -153,8 +169,13 @@ class Subscription:
         acknowledgements: list[ua.SubscriptionAcknowledgement] = []
         try:
             while self.fault is None:
-                response = await self._session.publish(acknowledgements)
-                acknowledgements = self._take(response)
+                if self._take_changes is None:
+                    response = await self._session.publish(acknowledgements)
+                    with link_errors(f"{self._session.url}: Publish"):
+                        acknowledgements = self._take(response)
+                else:
+                    body = await self._session.publish_body(acknowledgements)
+                    acknowledgements = self._take_body(body, self._take_changes)
         except LinkError as error:
             code = getattr(error.__cause__, "code", None)
             if code == ua.StatusCodes.BadTooManyPublishRequests and len(self._workers) > 1:
@@ -170,30 +191,57 @@ class Subscription:
             self.fault = LinkError(f"{self._session.url}: a report could not be taken: {error!r}")
             self.news.set()
 
+    def _take_body(self, body: bytes, take_changes: TakeChanges) -> list[ua.SubscriptionAcknowledgement]:
+        """As `_take`; what is no plain message of changes goes to asyncua's decoder."""
+        message = read_published(body)
+        if message is not None:
+            with link_errors(f"{self._session.url}: Publish"):
+                try:
+                    self._check(message.subscription, message.number, keep_alive=message.keep_alive)
+                    if not message.keep_alive:
+                        take_changes(body, message, self._clock.monotonic())
+                except OddBodyError:
+                    message = None
+        if message is not None:
+            return self._acknowledge(message.subscription, message.number, keep_alive=message.keep_alive)
+        self._slow.messages += 1
+        with link_errors(f"{self._session.url}: Publish"):
+            return self._take(decode_message(ua.PublishResponse, body))
+
     def _take(self, response: ua.PublishResponse) -> list[ua.SubscriptionAcknowledgement]:
         """Deliver what a publish response brings; returns what to acknowledge."""
         parameters = response.Parameters
         message = parameters.NotificationMessage
-        if parameters.SubscriptionId != self._id:
-            raise LinkError(
-                f"{self._session.url}: subscription {parameters.SubscriptionId} reports, which is not ours"
-            )
-        self.last_sign = self._clock.monotonic()
-        if not message.NotificationData:
-            return []  # a keep-alive
-        number = int(message.SequenceNumber)
-        if self._next_number is not None and number != self._next_number:
-            raise LinkError(
-                f"{self._session.url}: notification {self._next_number} is missing, {number} came; a change is lost"
-            )
-        self.news.set()
-        self._next_number = 1 if number == 0xFFFFFFFF else number + 1
-        for notification in message.NotificationData:
+        notifications = message.NotificationData or []
+        taken = self._acknowledge(
+            parameters.SubscriptionId, int(message.SequenceNumber), keep_alive=not notifications
+        )
+        for notification in notifications:
             if isinstance(notification, ua.StatusChangeNotification):
                 raise LinkError(f"{self._session.url}: the subscription ended: {notification.Status.name}")
             if isinstance(notification, ua.DataChangeNotification):
                 self._deliver_newest(notification.MonitoredItems or [])
+        return taken
+
+    def _acknowledge(
+        self, subscription: int, number: int, *, keep_alive: bool
+    ) -> list[ua.SubscriptionAcknowledgement]:
+        """Take notice of a message; returns what to acknowledge. Raises LinkError when one before it is missing."""
+        self._check(subscription, number, keep_alive=keep_alive)
+        self.last_sign = self._clock.monotonic()
+        if keep_alive:
+            return []
+        self.news.set()
+        self._next_number = 1 if number == 0xFFFFFFFF else number + 1
         return [ua.SubscriptionAcknowledgement(SubscriptionId=self._id, SequenceNumber=number)]
+
+    def _check(self, subscription: int, number: int, *, keep_alive: bool) -> None:
+        if subscription != self._id:
+            raise LinkError(f"{self._session.url}: subscription {subscription} reports, which is not ours")
+        if not keep_alive and self._next_number is not None and number != self._next_number:
+            raise LinkError(
+                f"{self._session.url}: notification {self._next_number} is missing, {number} came; a change is lost"
+            )
 
     def _deliver_newest(self, items: Sequence[ua.MonitoredItemNotification]) -> None:
         """Items of one tag are in the order of their sampling, so the last one is the newest."""

@@ -15,7 +15,7 @@ from asyncua import Client, ua
 from asyncua.client.ua_client import UaClient, UASocketProtocol, UASocketState
 from asyncua.ua.ua_binary import nodeid_from_binary, struct_from_binary
 
-from softplc.drivers.opcua.fast.seam import proven, take_chunk
+from softplc.drivers.opcua.fast.seam import MORE, proven, take_answer
 
 MAX_MESSAGE: Final = 16 * 2**20
 """The largest message that is taken, bytes."""
@@ -101,8 +101,16 @@ class _BoundedProtocol(UASocketProtocol):  # type: ignore[misc]
     def data_received(self, data: bytes) -> None:
         if self.receive_buffer:
             data, self.receive_buffer = self.receive_buffer + data, None
-        if proven() and take_chunk(self, data):
-            return
+        while proven():
+            taken = take_answer(self, data)
+            if taken == MORE:
+                self.receive_buffer = data
+                return
+            if not taken:
+                break
+            if taken == len(data):
+                return
+            data = data[taken:]
         super().data_received(data)
         begun = self.receive_buffer
         largest = max(self._connection._limits.max_recv_buffer, _SMALLEST_CHUNK)

@@ -9,7 +9,7 @@ behind it may be ahead of both.
 
 import heapq
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from asyncua import ua
@@ -53,6 +53,12 @@ class Witnesses:
     def reported(self, number: int) -> None:
         """The subscription reported this one: it does its work."""
         self._doubts.pop(number, None)
+
+    def reported_all(self, numbers: Iterable[int]) -> None:
+        """As `reported`, for many."""
+        if self._doubts:
+            for number in numbers:
+                self._doubts.pop(number, None)
 
     async def ask(self, numbers: Sequence[int], grace: float) -> float:
         """Read the server's clock and these; `latest` takes over what is newer than what was reported.

@@ -87,7 +87,7 @@ SOURCE: Final = Frame(
     },
     (),
     range(16, 19),
-    frozenset({"WriteMismatches", "Skew"}),
+    frozenset({"WriteMismatches", "Skew", "SlowPath"}),
 )
 AXIS: Final = Frame(
     AXES,

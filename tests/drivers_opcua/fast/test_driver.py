@@ -1,5 +1,6 @@
 """The driver on the fast path: which messages take it, what asyncua's decoder is left with, and the guard."""
 
+import asyncio
 import logging
 import math
 
@@ -74,3 +75,20 @@ async def test_an_asyncua_that_was_not_proven_is_told_once_and_used_as_it_is(
 
 def test_the_installed_asyncua_is_one_that_the_codec_was_compared_with():
     assert seam.proven()
+
+
+async def test_changes_of_every_number_type_need_no_decoder_but_ours(plc: NodePlc):
+    tags = [f"{AXIS}.{name}" for name in (*NUMBERS, "Bad", "Uncertain", "NaN", "Ramp")]
+    async with opened(plc.url, tags, mode="subscribe", sampling_ms=20, publishing_ms=20) as driver:
+        image = Image(len(tags))
+        before = math.nan
+        for _ in range(200):  # Ramp goes on
+            await driver.read(image)
+            if image.values[-1] != before and not math.isnan(before):
+                break
+            before = float(image.values[-1])
+            await asyncio.sleep(0.02)
+
+    assert image.values[: len(NUMBERS)].tolist() == list(NUMBERS.values())
+    assert image.values[-1] != before
+    assert driver.slow_path == 0

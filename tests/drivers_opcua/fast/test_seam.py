@@ -11,7 +11,8 @@ from asyncua.crypto.security_policies import SecurityPolicyNone
 from hypothesis import given
 from hypothesis import strategies as st
 
-from softplc.drivers.opcua.fast.seam import take_chunk, to_chunks
+from softplc.drivers.opcua.fast.seam import MORE, take_answer, to_chunks
+from softplc.drivers.opcua.transport import _BoundedProtocol
 
 LARGEST = 8192
 
@@ -48,7 +49,7 @@ def make_protocol() -> UASocketProtocol:
 async def test_a_whole_answer_in_order_is_taken_as_asyncua_takes_it():
     ours, theirs = make_protocol(), make_protocol()
     waiting = [protocol._callbackmap[3] for protocol in (ours, theirs)]
-    assert take_chunk(ours, chunk())
+    assert take_answer(ours, chunk()) == len(chunk())
     theirs.data_received(chunk())
 
     assert [bytes(answer.result()) for answer in waiting] == [b"the body"] * 2
@@ -59,20 +60,63 @@ async def test_a_whole_answer_in_order_is_taken_as_asyncua_takes_it():
 @pytest.mark.parametrize(
     "data",
     [
-        chunk(b"MSGC"),
         chunk(b"OPNF"),
+        chunk(b"MSGA"),
+        chunk(b"MSGC") + chunk(b"MSGA", sequence=6),
+        chunk(b"MSGC") + chunk(b"MSGF", sequence=7),
+        chunk(b"MSGC") + chunk(b"MSGF", sequence=6, number=4),
+        chunk(b"MSGC") + chunk(b"MSGF", sequence=6, token=14),
+        chunk(b"MSGC")[:4] + struct.pack("<I", 23) + chunk(b"MSGC")[8:],
+        chunk(b"MSGC")[:4] + struct.pack("<I", LARGEST + 1) + chunk(b"MSGC")[8:],
         chunk(channel=8),
         chunk(token=14),
         chunk(sequence=4),
         chunk(sequence=6),
         chunk(number=4),
-        chunk()[:-1],
-        chunk() + b"M",
         chunk()[:20],
         b"",
     ],
 )
 async def test_anything_else_is_left_to_asyncua_untouched(data: bytes):
     protocol = make_protocol()
-    assert not take_chunk(protocol, data)
+    assert not take_answer(protocol, data)
     assert (protocol._connection._peer_sequence_number, list(protocol._callbackmap)) == (4, [3])
+
+
+def sequence_of(count: int, number: int = 3, first: int = 5) -> bytes:
+    kinds = [b"MSGC"] * (count - 1) + [b"MSGF"]
+    return b"".join(chunk(kind, sequence=first + at, number=number) for at, kind in enumerate(kinds))
+
+
+@given(count=st.integers(1, 6), cuts=st.lists(st.integers(1, 250), max_size=6))
+def test_an_answer_of_several_chunks_is_taken_in_whatever_pieces_it_comes(count: int, cuts: list[int]):
+    async def run() -> None:
+        ours, theirs = _BoundedProtocol(1.0, SecurityPolicyNone()), make_protocol()
+        other = make_protocol()
+        ours._connection, ours._callbackmap = other._connection, other._callbackmap
+        ours._callbackmap[4] = asyncio.get_running_loop().create_future()
+        theirs._callbackmap[4] = asyncio.get_running_loop().create_future()
+        waiting = [[protocol._callbackmap[number] for number in (3, 4)] for protocol in (ours, theirs)]
+        data = sequence_of(count) + sequence_of(2, 4, 5 + count)
+        at = 0
+        for end in (*sorted(cuts), len(data)):
+            ours.data_received(data[at:end])
+            at = max(at, end)
+        theirs.data_received(data)
+
+        assert [[bytes(each.result()) for each in answers] for answers in waiting] == [
+            [b"the body" * count, b"the body" * 2]
+        ] * 2
+        assert ours._connection._peer_sequence_number == theirs._connection._peer_sequence_number == 6 + count
+        assert ours._callbackmap == theirs._callbackmap == {}
+        assert not ours.receive_buffer
+
+    asyncio.run(run())
+
+
+async def test_an_answer_that_is_longer_than_agreed_is_not_held():
+    protocol = make_protocol()
+    protocol._connection._limits.max_message_size = 40
+
+    assert take_answer(protocol, sequence_of(1)[:30]) == MORE
+    assert take_answer(protocol, sequence_of(2)) == 0

@@ -1,7 +1,6 @@
 """One Read of always the same variables: encoded once, its answers decoded into the image."""
 
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 from asyncua import ua
@@ -10,14 +9,10 @@ from numpy.typing import NDArray
 from softplc.drivers.opcua.binding import Binding, read_value
 from softplc.drivers.opcua.fast.plain import HEAD, SlowState, check_count, has_plain_head, has_plain_tail
 from softplc.drivers.opcua.fast.records import NUMBERS, Layout
-from softplc.drivers.opcua.fast.samples import BAD, Samples
+from softplc.drivers.opcua.fast.samples import BAD, MISMATCH, Samples
 from softplc.drivers.opcua.fast.seam import decode_head, decode_message, decode_value
 from softplc.drivers.opcua.session import Session, batches, link_errors
-from softplc.drivers.opcua.values import decode
-from softplc.sample import StatusCode
 from softplc.tags import NO_TIMESTAMP, Image
-
-_MISMATCH: Final = np.uint32(StatusCode.BAD_TYPE_MISMATCH)
 
 
 class ReadPlan:
@@ -125,19 +120,12 @@ class ReadPlan:
             wrong = wrong + [record for record, v in arrays if not self.bindings[record].accepts(v.VariantType)]
         for record in wrong:
             if not samples.statuses[record] & BAD:
-                samples.values[record], samples.statuses[record] = np.nan, _MISMATCH
+                samples.values[record], samples.statuses[record] = np.nan, MISMATCH
                 samples.odd.pop(record, None)
 
     def _put_element(self, record: int, index: int, position: int, into: Image, arrival: float, now: int) -> None:
         """One element of an array; a single value where an array was expected has the wrong type."""
-        samples = self._samples
-        data = samples.odd.get(record)
-        if data is None:
-            own = samples.statuses[record]
-            value, status = np.nan, int(own if own & BAD else _MISMATCH)
-            stamp: int | None = int(samples.stamps[record]) or None
-        else:
-            value, status, stamp = decode(data, index)
+        value, status, stamp = self._samples.element(record, index)
         into.values[position] = value
         into.statuses[position] = status
         into.source_timestamps[position] = now if stamp is None else stamp

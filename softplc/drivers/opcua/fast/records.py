@@ -11,6 +11,8 @@ A DataValue is (OPC 10000-6, 5.2.2.17): a mask, and each part that the mask name
 | 0x08 | ServerTimestamp | 8 |
 | 0x20 | ServerPicoseconds | 2 |
 
+In a notification the client's handle, 4 bytes, stands before each (OPC 10000-4, 7.25.2).
+
 Mask and type of a Variant that is a single value of fixed size say how long the record is. So when the first record
 begins where it should, and every record's mask and type are those of a layout, that layout is the message's.
 """
@@ -60,6 +62,7 @@ class Record:
     """A DataValue of one layout: how it begins, and its parts.
 
     `verdict` is the status where the server's own is not Bad and there is no number; None where there is one.
+    `lead` bytes of handle stand before the head.
     """
 
     head: bytes
@@ -68,6 +71,7 @@ class Record:
     has_status: bool
     has_stamp: bool
     verdict: int | None
+    lead: int = 0
 
     @property
     def kind(self) -> int:
@@ -134,8 +138,9 @@ class Layout:
     always_good: bool
 
 
-def _record(mask: int, kind: int) -> Record:
-    fields: list[tuple[str, str] | tuple[str, str, tuple[int, ...]]] = [("head", "V2" if mask & _VALUE else "V1")]
+def _record(mask: int, kind: int, lead: int) -> Record:
+    fields: list[tuple[str, str]] = [("handle", "<u4")] if lead else []
+    fields.append(("head", "V2" if mask & _VALUE else "V1"))
     if kind in NUMBERS:
         fields.append(("value", NUMBERS[kind] if kind != BOOLEAN else "u1"))
     elif kind == DATE_TIME:
@@ -152,34 +157,39 @@ def _record(mask: int, kind: int) -> Record:
         verdict = StatusCode.BAD_TYPE_MISMATCH if kind == DATE_TIME else StatusCode.BAD_WAITING_FOR_INITIAL_DATA
     head = bytes([mask, kind]) if mask & _VALUE else bytes([mask])
     dtype = np.dtype(fields)
-    return Record(head, dtype, kind == BOOLEAN, bool(mask & _STATUS), bool(mask & _SOURCE), verdict)
+    return Record(head, dtype, kind == BOOLEAN, bool(mask & _STATUS), bool(mask & _SOURCE), verdict, lead)
 
 
-def _all_records() -> dict[int, Record]:
+def _all_records(lead: int) -> dict[int, Record]:
     """Every layout of fixed size, by mask and, above it, the type."""
-    known = {mask: _record(mask, NO_VALUE) for mask in range(0, 0x40, 2)}
+    known = {mask: _record(mask, NO_VALUE, lead) for mask in range(0, 0x40, 2)}
     for kind in (NULL, *NUMBERS, DATE_TIME):
-        known |= {mask | kind << 8: _record(mask, kind) for mask in range(1, 0x40, 2)}
+        known |= {mask | kind << 8: _record(mask, kind, lead) for mask in range(1, 0x40, 2)}
     return known
 
 
-_RECORDS: Final = _all_records()
+HANDLE: Final = 4
+"""Bytes of a handle."""
+_RECORDS: Final = {lead: _all_records(lead) for lead in (0, HANDLE)}
 
 
-def find_runs(body: bytes, start: int, count: int, odd_end: Callable[[int], int]) -> tuple[list[Run], int]:
-    """The runs of `count` records from byte `start`, and where they end.
+def find_runs(
+    body: bytes, start: int, count: int, odd_end: Callable[[int], int], lead: int = 0
+) -> tuple[list[Run], int]:
+    """The runs of `count` records from byte `start`, each behind a handle of `lead` bytes, and where they end.
 
     `odd_end` gives the end of a record whose layout is none of the known. Raises OddBodyError when the body is short.
     """
-    known, raw = _RECORDS, np.frombuffer(body, np.uint8)
+    known, raw = _RECORDS[lead], np.frombuffer(body, np.uint8)
     runs: list[Run] = []
     first, offset, length = 0, start, len(body)
     while first < count:
-        if offset >= length:
+        at = offset + lead
+        if at >= length:
             raise OddBodyError("the answer is cut short")
-        key = body[offset]
-        if key & _VALUE and offset + 1 < length:
-            key |= body[offset + 1] << 8
+        key = body[at]
+        if key & _VALUE and at + 1 < length:
+            key |= body[at + 1] << 8
         record = known.get(key)
         if record is None:
             end = odd_end(offset)
@@ -198,10 +208,10 @@ def find_runs(body: bytes, start: int, count: int, odd_end: Callable[[int], int]
 
 def _run_length(body: bytes, raw: Bytes, offset: int, record: Record, most: int) -> int:
     """How many records of this layout follow each other; one by one at first, then in growing strides."""
-    size, head = record.size, record.head
+    size, head, lead = record.size, record.head, record.lead
     equal = 1
     while equal < min(most, _LOOK_AHEAD):
-        if not body.startswith(head, offset + equal * size):
+        if not body.startswith(head, offset + lead + equal * size):
             return equal
         equal += 1
     stride = _LONG_RUN
@@ -209,9 +219,9 @@ def _run_length(body: bytes, raw: Bytes, offset: int, record: Record, most: int)
         stride = min(stride * 8, most - equal)
         begin = offset + equal * size
         heads = raw[begin : begin + stride * size].reshape(stride, size)
-        same = heads[:, 0] == head[0]
+        same = heads[:, lead] == head[0]
         if len(head) == 2:
-            same &= heads[:, 1] == head[1]
+            same &= heads[:, lead + 1] == head[1]
         if not same.all():
             return equal + int(same.argmin())
         equal += stride

@@ -8,7 +8,8 @@ from asyncua import ua
 from numpy.typing import NDArray
 
 from softplc.drivers.opcua.fast.records import Layout, OddBodyError, Piece, find_runs, lay_out
-from softplc.drivers.opcua.values import decode, status_of
+from softplc.drivers.opcua.values import Decoded, decode, overflowed, status_of
+from softplc.sample import StatusCode
 from softplc.tags import NO_TIMESTAMP
 
 OddValue = Callable[[bytes, int], tuple[ua.DataValue, int]]
@@ -17,6 +18,7 @@ Accept = Callable[[int], None]
 """Looks at what is behind the records, which end at this byte, and raises when that makes no sense."""
 
 BAD: Final = np.uint32(0x80000000)
+MISMATCH: Final = np.uint32(StatusCode.BAD_TYPE_MISMATCH)
 _OVERFLOW: Final = np.uint32(0x0480)  # InfoType DataValue with the Overflow bit (OPC 10000-4, 7.39.1)
 _OVERFLOW_BIT: Final = np.uint32(0x0080)
 _LIMIT_BITS: Final = np.uint32(0x0300)
@@ -34,10 +36,14 @@ class Samples:
     says, without the Overflow bit; None when it says of every record that it is Good. `stamps` int64 ns UTC,
     NO_TIMESTAMP where there is none, in whole µs as asyncua's; `stamped` when all have one. `odd` are the DataValues
     of records that are no single number, by position. `layout` is that of the message: another object where any
-    record has another type than before. Valid until the next message.
+    record has another type than before. `handles` uint32, of each record, where the records have some; `overflowed`
+    says which had the Overflow bit, None: no one. Valid until the next message.
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, lead: int = 0) -> None:
+        self.handles: NDArray[np.uint32] | None = np.zeros(count, np.uint32) if lead else None
+        self.overflowed: NDArray[np.bool_] | None = None
+        self._lead = lead
         self.values: NDArray[np.float64] = np.full(count, np.nan)
         self.statuses: NDArray[np.uint32] = np.zeros(count, np.uint32)
         self.stamps: NDArray[np.int64] = np.zeros(count, np.int64)
@@ -52,12 +58,22 @@ class Samples:
     def __len__(self) -> int:
         return self._count
 
+    def element(self, record: int, index: int) -> Decoded:
+        """One element of an array; a single value where an array was expected has the wrong type."""
+        data = self.odd.get(record)
+        if data is not None:
+            return decode(data, index)
+        own = self.statuses[record]
+        return np.nan, int(own if own & BAD else MISMATCH), int(self.stamps[record]) or None
+
     def decode(self, body: bytes, start: int, odd_value: OddValue, accept: Accept) -> None:
         """Take the records from byte `start`, if what follows them is accepted. Raises OddBodyError."""
         layouts, length = self._layouts, len(body) - start
         layout = layouts.get(length)
         if layout is None or layout.start != start or not self._take(body, layout, odd_value, accept):
-            runs, end = find_runs(body, start, self._count, lambda offset: odd_value(body, offset)[1])
+            runs, end = find_runs(
+                body, start, self._count, lambda offset: odd_value(body, offset + self._lead)[1], self._lead
+            )
             layout = lay_out(runs, start, end)
             if not self._take(body, layout, odd_value, accept):
                 raise OddBodyError("the layout of the answer makes no sense")
@@ -76,7 +92,7 @@ class Samples:
             taken.append((piece, records))
         odd: dict[int, ua.DataValue] = {}
         for position, offset, behind in layout.odd:
-            data, end = odd_value(body, offset)
+            data, end = odd_value(body, offset + self._lead)
             if end != behind:
                 return False
             odd[position] = data
@@ -84,7 +100,11 @@ class Samples:
         self.layout = layout
         for piece, records in taken:
             self._put(piece, records)
+        if self.handles is not None:
+            for position, offset, _ in layout.odd:
+                self.handles[position] = int.from_bytes(body[offset : offset + self._lead], "little")
         self._to_nanoseconds()
+        self.overflowed = None
         if layout.always_good:
             self.statuses.fill(0)
             self.told = None
@@ -96,6 +116,8 @@ class Samples:
     def _put(self, piece: Piece, records: NDArray[Any]) -> None:
         """Raw values, statuses and ticks of one piece."""
         record, where = piece.record, piece.where
+        if self.handles is not None:
+            self.handles[where] = records["handle"]
         if record.verdict is not None:
             self.values[where] = np.nan
         elif record.boolean:
@@ -141,4 +163,6 @@ class Samples:
             self.statuses[position] = status
             self.stamps[position] = NO_TIMESTAMP if stamp is None else stamp
             told[position] = status_of(data)
+            flagged[position] = overflowed(data)
             self.stamped = False
+        self.overflowed = flagged if flagged.any() else None

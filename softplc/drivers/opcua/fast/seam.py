@@ -26,6 +26,8 @@ PROVEN: Final = frozenset({"2.1.0"})
 
 _CHUNK: Final = struct.Struct("<4sIIIII")
 """Kind and size, channel, token, sequence number, request id: what stands before the body (OPC 10000-6, 6.7.2)."""
+_MOST_HELD: Final = 2**20
+"""Bytes of an answer that are held until its end is there; longer ones are put together by asyncua."""
 _NULL_ARRAYS: Final = (b"\x80", b"\xc0")
 _EPOCH_TICKS: Final = 116_444_736_000_000_000  # 1601 to 1970, 100 ns
 _STAMP_AND_HANDLE: Final = struct.Struct("<qI")
@@ -49,13 +51,14 @@ def proven(version: str | None = None) -> bool:
 class Request:
     """A request, encoded once; each sending patches its timestamp and its handle.
 
-    `response` is the type of its answer.
+    `response` is the type of its answer, which the server may give when it likes where the request is not `timed`.
     """
 
-    def __init__(self, client: UaClient, request: Any, response: type) -> None:
+    def __init__(self, client: UaClient, request: Any, response: type, timed: bool = True) -> None:
         protocol, header = client.protocol, request.RequestHeader
         header.AuthenticationToken = protocol.authentication_token
-        header.TimeoutHint = int(protocol.timeout * 1000)
+        header.TimeoutHint = int(protocol.timeout * 1000) if timed else 0
+        self.timed = timed
         self.response = response
         self.answer_head = nodeid_to_binary(response().TypeId)
         self.body = bytearray(struct_to_binary(request))
@@ -67,8 +70,8 @@ class Request:
         return memoryview(self.body)
 
 
-async def exchange(client: UaClient, request: Request, now: int, timed: bool = True) -> bytes:
-    """Send a request, at the time `now` in ns UTC, and wait for the body of its answer, `timed` or without end.
+async def exchange(client: UaClient, request: Request, now: int) -> bytes:
+    """Send a request, at the time `now` in ns UTC, and wait for the body of its answer: without end if not timed.
 
     Raises what asyncua raises: ConnectionError, TimeoutError, UaStatusCodeError for a ServiceFault.
     """
@@ -85,7 +88,7 @@ async def exchange(client: UaClient, request: Request, now: int, timed: bool = T
     answer: asyncio.Future[Buffer] = loop.create_future()
     protocol._callbackmap[number] = answer
     protocol.transport.write(message)
-    if timed:
+    if request.timed:
         alarm = loop.call_later(protocol.timeout, _expire, answer)
         try:
             buffer = await answer
@@ -115,8 +118,14 @@ def to_chunks(connection: SecureConnection, body: memoryview, number: int) -> by
     return b"".join(parts)
 
 
-def take_chunk(protocol: UASocketProtocol, data: bytes) -> bool:
-    """Take what came if it is one whole answer on a channel without security, all in order; else leave it, False."""
+MORE: Final = -1
+
+
+def take_answer(protocol: UASocketProtocol, data: bytes) -> int:
+    """Take the answer that `data` begins with, on a channel without security; how many bytes it was.
+
+    0: what comes is something else, and left as it is. MORE: it is an answer, of which the end is still to come.
+    """
     connection = protocol._connection
     if (
         len(data) < _CHUNK.size
@@ -124,25 +133,41 @@ def take_chunk(protocol: UASocketProtocol, data: bytes) -> bool:
         or connection._incoming_parts
         or connection._peer_sequence_number is None
     ):
-        return False
-    kind, size, channel, token, sequence, number = _CHUNK.unpack_from(data)
-    limits, answer = connection._limits, protocol._callbackmap.get(number)
-    if (
-        kind != b"MSGF"
-        or size != len(data)
-        or size > limits.max_recv_buffer
-        or (limits.max_message_size and size > limits.max_message_size)
-        or channel != connection.security_token.ChannelId
-        or token != connection.security_token.TokenId
-        or sequence != connection._peer_sequence_number + 1
-        or answer is None
-        or answer.done()
-    ):
-        return False
-    connection._peer_sequence_number = sequence
-    del protocol._callbackmap[number]
-    answer.set_result(Buffer(data, _CHUNK.size))
-    return True
+        return 0
+    limits, token = connection._limits, connection.security_token
+    expected, request = connection._peer_sequence_number, _CHUNK.unpack_from(data)[5]
+    answer = protocol._callbackmap.get(request)
+    if answer is None or answer.done():
+        return 0
+    bounds: list[tuple[int, int]] = []
+    offset, kind = 0, b"MSGC"
+    while kind == b"MSGC":
+        if len(data) - offset < _CHUNK.size:
+            return MORE
+        kind, size, channel, used, sequence, number = _CHUNK.unpack_from(data, offset)
+        expected += 1
+        if (
+            kind not in (b"MSGC", b"MSGF")
+            or not _CHUNK.size <= size <= limits.max_recv_buffer
+            or offset + size > _MOST_HELD
+            or (limits.max_message_size and offset + size > limits.max_message_size)
+            or (limits.max_chunk_count and len(bounds) >= limits.max_chunk_count)
+            or (channel, used) != (token.ChannelId, token.TokenId)
+            or (sequence, number) != (expected, request)
+        ):
+            return 0
+        bounds.append((offset + _CHUNK.size, offset + size))
+        offset += size
+    if offset > len(data):
+        return MORE
+    connection._peer_sequence_number = expected
+    del protocol._callbackmap[request]
+    whole = data if offset == len(data) else data[:offset]
+    if len(bounds) == 1:
+        answer.set_result(Buffer(whole, _CHUNK.size))
+    else:
+        answer.set_result(Buffer(b"".join([memoryview(whole)[begin:end] for begin, end in bounds])))
+    return offset
 
 
 def _expire(answer: "asyncio.Future[Buffer]") -> None:
