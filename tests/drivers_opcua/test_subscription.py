@@ -234,7 +234,7 @@ async def test_a_defect_where_reports_are_taken_or_in_the_chores_ends_the_connec
 
     async with opened(plc.url, [f"{AXIS}.Ramp"], mode="subscribe", clock=clock) as driver:
         if part == "report":
-            driver._subscription._deliver = raises
+            driver._subscription._deliver = driver._subscription._take_changes = raises
         else:
             driver._rebind = defect
             clock.ahead = 2.0 * REBIND  # the next read finds them due
