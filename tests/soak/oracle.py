@@ -1,6 +1,6 @@
 """The rules of docs/bad-inputs.md for one axis, scan by scan, as plain conditions: what must be published.
 
-Written from the page, not from the code that it judges; of the observer it knows how many samples a start takes.
+It shares nothing with the code that it judges; of the observer it knows how many samples a start takes.
 """
 
 from dataclasses import dataclass
