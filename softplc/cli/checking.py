@@ -63,7 +63,7 @@ def _print_axes(path: Path, config: "Config", *, as_json: bool) -> None:
         if len(rows) > _SHOWN:
             messages.print(f"… and {len(rows) - _SHOWN} more; --json prints all of them")
     _print_budget(path, config)
-    messages.print(f"{path}: valid, {_counted(config)}", style="green")
+    messages.print(f"{path}: {_counted(config)}: valid", style="green")
 
 
 def _print_budget(path: Path, config: "Config") -> None:

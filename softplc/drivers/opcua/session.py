@@ -164,14 +164,6 @@ class Session:
             response.ResponseHeader.ServiceResult.check()
         return response
 
-    async def publish_body(self, acknowledgements: list[ua.SubscriptionAcknowledgement]) -> bytes:
-        """As `publish`, with the answer as it came."""
-        parameters = ua.PublishParameters(SubscriptionAcknowledgements=acknowledgements)
-        with link_errors(f"{self.url}: Publish"):
-            return await self.exchange(
-                self.encode(ua.PublishRequest(Parameters=parameters), ua.PublishResponse, False)
-            )
-
     @property
     def password_in_clear(self) -> bool:
         """True when the server has the password sent as it is, over a channel that does not encrypt."""

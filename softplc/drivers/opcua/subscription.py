@@ -17,7 +17,7 @@ from asyncua import ua
 
 from softplc.clock import Clock
 from softplc.drivers.opcua.binding import BATCH, Binding, read_value
-from softplc.drivers.opcua.fast.notification import Published, read_published
+from softplc.drivers.opcua.fast.notification import Published, publish, read_published
 from softplc.drivers.opcua.fast.plain import SlowState
 from softplc.drivers.opcua.fast.records import OddBodyError
 from softplc.drivers.opcua.fast.seam import decode_message
@@ -174,7 +174,7 @@ class Subscription:
                     with link_errors(f"{self._session.url}: Publish"):
                         acknowledgements = self._take(response)
                 else:
-                    body = await self._session.publish_body(acknowledgements)
+                    body = await publish(self._session, acknowledgements)
                     acknowledgements = self._take_body(body, self._take_changes)
         except LinkError as error:
             code = getattr(error.__cause__, "code", None)

@@ -21,6 +21,7 @@ from softplc.drivers.opcua.fast.plain import HEAD, NONE, has_plain_head
 from softplc.drivers.opcua.fast.records import HANDLE, NUMBERS, OddBodyError
 from softplc.drivers.opcua.fast.samples import BAD, MISMATCH, Samples
 from softplc.drivers.opcua.fast.seam import decode_value
+from softplc.drivers.opcua.session import Session, link_errors
 from softplc.tags import NO_TIMESTAMP, Image
 
 _CHANGES: Final = nodeid_to_binary(ua.NodeId(ua.ObjectIds.DataChangeNotification_Encoding_DefaultBinary)) + b"\x01"
@@ -40,6 +41,14 @@ class Published:
     items: int = 0
     start: int = 0
     end: int = 0
+
+
+async def publish(session: Session, acknowledgements: Sequence[ua.SubscriptionAcknowledgement]) -> bytes:
+    """As the session's own, with the body of the answer as it came. Raises LinkError."""
+    parameters = ua.PublishParameters(SubscriptionAcknowledgements=list(acknowledgements))
+    with link_errors(f"{session.url}: Publish"):
+        request = session.encode(ua.PublishRequest(Parameters=parameters), ua.PublishResponse, timed=False)
+        return await session.exchange(request)
 
 
 def read_published(body: bytes) -> Published | None:
