@@ -73,7 +73,8 @@ class ReadBack:
 class WriteBack:
     """One output tag and where it goes. `min_interval` in seconds, `deadband` in the tag's unit.
 
-    `name` for the log; `state` is the index of the tag that shows the worst WriteState of its axis.
+    `name` for the log; `state` is the index of the tag that shows the worst WriteState of its axis. `judge`: index of
+    the tag that has to be Good for this one to be written, the tag itself when left out.
     """
 
     index: int
@@ -85,6 +86,7 @@ class WriteBack:
     read_back: ReadBack | None = None
     name: str = ""
     state: int | None = None
+    judge: int | None = None
     _last_value: float | None = None
     _last_time: float = float("-inf")
     _answer: Written | None = None
@@ -106,7 +108,7 @@ class WriteBack:
         if not self.link.statistics.connected:
             self._start_anew()
             return WriteState.WITHHELD
-        if outputs.statuses.item(self.index) != _GOOD:
+        if outputs.statuses.item(self.index if self.judge is None else self.judge) != _GOOD:
             if writing.withdraw(self.position) or self.read_back is not None:
                 self._start_anew()
             return WriteState.WITHHELD

@@ -223,3 +223,17 @@ async def test_a_device_that_refuses_every_other_write_fills_no_log():
     told = [line for line in lines if line["event"].startswith("write ")]
     assert 6 <= len(told) <= 12
     assert sum(line.get("suppressed", 0) for line in told) > 300
+
+
+async def test_a_tag_that_is_good_in_every_state_is_written_only_while_the_position_is():
+    rig = rig_with()
+    rig.write_backs(WriteBack(rig.echo.start, rig.link, 0, name="Echo.0", judge=rig.echo.start + 1))
+
+    def scan(scan):
+        rig.device.values[0] = float(scan.number)
+        rig.device.statuses[1] = StatusCode.BAD_SENSOR_FAILURE if 5 <= scan.number < 10 else StatusCode.GOOD
+
+    await rig.run(15, scan)
+    written = {values[0] for values in rig.device.written}
+    assert {2.0, 12.0} <= written
+    assert not written & {6.0, 7.0, 8.0}

@@ -16,6 +16,7 @@ from softplc.config.models import Config, Source, Task
 from softplc.life import Heartbeat, Life, Stamps
 from softplc.observers.aoi import AoiConfig
 from softplc.observers.axes import AxisPlace, AxisSpec, axis_tags, leaves_of
+from softplc.observers.leaves import ALWAYS_WRITTEN
 from softplc.scan import source_tags, task_tags
 from softplc.tags import Block, TagTable
 
@@ -47,7 +48,9 @@ class SourceLayout:
 class WriteBackLayout:
     """One write-back: published tag, source, position among the source's writings; `name` as in AxisX.Velocity.
 
-    `state`: the axis' tag WriteState. `read_back`: where the written tag is read along in the inputs, if it is.
+    `state`: the axis' tag WriteState. `judge`: the tag that has to be Good, which the axis' Position is in State RUN
+    alone; Quality and State themselves are always written. `read_back`: where the written tag is read along in the
+    inputs, if it is.
     """
 
     config: WriteBack
@@ -56,6 +59,7 @@ class WriteBackLayout:
     position: int
     name: str
     state: int
+    judge: int
     read_back: int | None
 
 
@@ -245,5 +249,6 @@ def _write(used: dict[str, SourceLayout], axis: str, block: Block, write_back: W
         len(source.writings) - 1,
         source.writing_names[-1],
         block.index("WriteState"),
+        block.index(write_back.output if write_back.output in ALWAYS_WRITTEN else "Position"),
         read_back,
     )

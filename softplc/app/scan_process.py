@@ -121,6 +121,7 @@ def _build_write_back(layout: WriteBackLayout, link: Link) -> WriteBack:
         read_back,
         layout.name,
         layout.state,
+        layout.judge,
     )
 
 

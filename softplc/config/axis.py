@@ -68,7 +68,7 @@ Enable = Annotated[
 ]
 
 
-_OUTPUT = "a tag that the axis' observer estimates, as Position or Velocity, or Quality"
+_OUTPUT = "a tag that the axis' observer estimates, as Position or Velocity, or Quality or State"
 
 
 def _known_output(value: str) -> str:
@@ -273,7 +273,7 @@ class Axis(Model):
 
     @model_validator(mode="after")
     def _writes_what_it_has(self) -> Self:
-        own = ["Position", "Velocity", *self.observer.estimates, "Dt", "Quality"]
+        own = ["Position", "Velocity", *self.observer.estimates, "Dt", "Quality", "State"]
         if self.consistency:
             own += [leaf for leaf in consistency_leaves(self.observer.estimates) if leaf in WRITE_BACK]
         own += NOW if self.dead_time_ms is not None else ()

@@ -183,5 +183,7 @@ NOW: Final = tuple(leaf.name for leaf in _NOW)
 """Leaves of an axis with a dead time: the estimate carried on to now."""
 ESTIMATES: Final = tuple(leaf.name for leaf in (*_OUTPUTS, *_ESTIMATES, *_NOW))
 """Leaves that carry the status of the estimate, on some observer or other."""
-WRITE_BACK: Final = (*ESTIMATES, *JUDGED, "Consistency", "Quality")
+ALWAYS_WRITTEN: Final = ("Quality", "State")
+"""Leaves that are written back however the axis is, because they say so."""
+WRITE_BACK: Final = (*ESTIMATES, *JUDGED, "Consistency", *ALWAYS_WRITTEN)
 """Leaves that may be written back into a source, where the axis has them."""

@@ -26,6 +26,11 @@ _STATE_OF: Final = np.array(
     [AxisState.RUN, AxisState.COAST, AxisState.HOLD, AxisState.FAIL, AxisState.PASSTHROUGH], np.uint8
 )
 _STARTING: Final = np.isin(np.arange(len(Result)), (Result.INITIALISED, Result.WARMING_UP, Result.DT_INVALID))
+_LOST: Final = np.isin(
+    np.arange(max(Reason) + 1),
+    (Reason.NO_COMMUNICATION, Reason.WAITING, Reason.STAMP_FROZEN, Reason.PROGRAM_STOPPED),
+)
+"""Reasons for which an unusable sample is as none at all."""
 _STILL: Final = 0.1  # s; a value that stands still on a live link counts as a fresh one so often
 _BAD: Final = np.uint32(StatusCode.BAD)
 
@@ -88,7 +93,7 @@ class Modes:
         self._elapsed = scan.dt if 0.0 < scan.dt < math.inf else 0.0
         bad, reason = ~samples.usable, samples.reason
         missing = bad & (reason == Reason.CONFIGURATION)
-        self._lost = bad & ((reason == Reason.NO_COMMUNICATION) | (reason == Reason.WAITING))
+        self._lost = bad & _LOST[reason]
         shown = np.where(self._lost, self._on_lost, self._on_bad)
         shown[missing] = _FAIL
         shown[~bad] = _USE

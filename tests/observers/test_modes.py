@@ -332,3 +332,20 @@ def test_good_means_running_and_finite_and_neighbours_change_nothing(name: str, 
         np.testing.assert_array_equal(
             rig.outputs.values[first[1] : first[1] + width], alone.outputs.values[first[-1] :]
         )
+
+
+@pytest.mark.parametrize("cause", [Reason.STAMP_FROZEN, Reason.PROGRAM_STOPPED])
+@pytest.mark.parametrize(
+    ("on_lost", "status", "shown"),
+    [
+        ("fail", S.BAD_OUT_OF_SERVICE, AxisState.FAIL),
+        ("hold", LOST, AxisState.HOLD),
+        ("coast", LOST, AxisState.COAST),
+    ],
+)
+def test_a_source_that_stands_still_for_long_is_as_one_that_is_lost(cause, on_lost, status, shown):
+    rig = running(replace(SPEC, on_lost=on_lost))
+    rig.inputs.causes[0] = cause
+    rig.fail(S.BAD_OUT_OF_SERVICE)
+    assert (rig.outcome(), state(rig)) == ((status, cause), shown)
+    assert math.isnan(rig.get("Position")) == (shown == AxisState.FAIL)
