@@ -170,6 +170,8 @@ class AxisGroup:
             self._tags.row(leaf)[:] = values
         self._arrivals[:], self._started = other._arrivals[rows], other._started
         self.time.timestamps[:] = other.time.timestamps[rows]
+        if self.samples.signal is not None and other.samples.signal is not None:
+            self.samples.signal.adopt(other.samples.signal, rows)
         if ramp:
             self._tags.adopt(other._tags, rows)
             self._has_values[:] = other._has_values[rows]

@@ -72,6 +72,13 @@ class Signal:
         self._new_u = np.zeros(m)
         self.anew: Flags | None = None
 
+    def adopt(self, other: "Signal", rows: NDArray[np.intp]) -> None:
+        """Go on for these rows of another group: a counter is in the turn in which it was."""
+        at = np.searchsorted(other._rows, rows[self._rows])
+        self._u[:], self._z[:], self._passed[:] = other._u[at], other._z[at], other._passed[at]
+        self._start[:], self._arrival[:], self._stamp[:] = other._start[at], other._arrival[at], other._stamp[at]
+        self._speeds[:], self._v[:] = other._speeds[:, at], other._v[at]
+
     def unwrap(self, scan: Scan, samples: "Judgement", unseen: _Numbers) -> _Numbers:
         """Positions in place of what was read, into `samples.z`; returns [n] what the range is to be judged of.
 

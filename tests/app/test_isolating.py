@@ -14,6 +14,7 @@ from softplc.observers.aoi import AoiConfig
 from softplc.observers.axes import AxisPlace, AxisSpec
 from softplc.observers.cv_accel import CvAccelConfig
 from softplc.observers.observer import AxisObserver
+from softplc.observers.signal_config import SignalSpec
 from softplc.sample import AxisState, Reason, StatusCode
 from tests.observers.rig import Rig, make_rig
 
@@ -74,6 +75,19 @@ OBSERVERS = {
     "cv_accel": CvAccelConfig(type="cv_accel", r_x=1.0),
     "alpha_beta": AlphaBetaConfig(type="alpha_beta", alpha=0.4),
 }
+
+
+def test_a_counter_beside_an_axis_that_fails_stays_in_the_turn_in_which_it_was():
+    faults = Faults()
+    rig = rig_of(faults, OBSERVERS["aoi"], 3, signal=SignalSpec(counter=100.0))
+    for k in range(30):
+        rig.scan(*(10.0 * k + axis - 100.0 * ((10 * k + axis) // 100) for axis in range(3)))
+    rig.scan(POISON, 1.0, 2.0)  # 300: the counters roll over once more in the scan in which their neighbour fails
+    for k in range(31, 60):
+        rig.scan(POISON, *(10.0 * k + axis - 100.0 * ((10 * k + axis) // 100) for axis in (1, 2)))
+    for axis in (1, 2):
+        assert rig.outcome(axis) == (StatusCode.GOOD, Reason.NONE)
+        assert rig.get("Position", axis) == pytest.approx(590.0 + axis, abs=5.0)
 
 
 @pytest.mark.parametrize("name", OBSERVERS)
