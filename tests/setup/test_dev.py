@@ -117,4 +117,4 @@ def test_dev_py_imports_the_standard_library_alone_and_is_short_enough_to_be_rea
     imported = set(re.findall(r"^ *(?:import|from) (\w+)", text, re.MULTILINE))
 
     assert imported <= sys.stdlib_module_names
-    assert len(text.splitlines()) <= 140
+    assert len(text.splitlines()) <= 150
