@@ -5,9 +5,8 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
+from softplc.config.source_tag import Enable, SourceTag
 from softplc.drivers.modbus.config import ModbusTag
-from softplc.drivers.opcua.config import OpcUaTag
-from softplc.drivers.replay import ReplayTag
 from softplc.model import Model, Name
 from softplc.observers.aoi import AoiConfig
 from softplc.observers.axes import Policy
@@ -16,57 +15,6 @@ from softplc.observers.consistency import NEEDS, consistency_leaves
 from softplc.observers.ducekf import DucekfConfig
 from softplc.observers.leaves import NOW, WRITE_BACK
 from softplc.observers.signal_config import Signal
-
-
-def _protocol_of(tag: Any) -> str | None:
-    """A tag is of the protocol whose key it has: node, address or column."""
-    for key, protocol in (("node", "opcua"), ("address", "modbus"), ("column", "replay")):
-        if (key in tag) if isinstance(tag, dict) else hasattr(tag, key):
-            return protocol
-    return None
-
-
-SourceTag = Annotated[
-    Annotated[OpcUaTag, Tag("opcua")] | Annotated[ModbusTag, Tag("modbus")] | Annotated[ReplayTag, Tag("replay")],
-    Discriminator(
-        _protocol_of,
-        custom_error_type="source_tag",
-        custom_error_message="a tag: source, and one of node (OPC-UA), address (Modbus) or column (recording)",
-    ),
-]
-
-
-class WritableEnable(Model):
-    """Enable is a tag that a client may write (see the OPC-UA publisher's users)."""
-
-    writable: Literal[True]
-    """Clients that have logged in may write it."""
-    initial: bool = True
-    """State after start."""
-
-
-def _form_of_enable(value: Any) -> str | None:
-    """Of the three forms of enable the one that a value has."""
-    if isinstance(value, bool):
-        return "state"
-    if isinstance(value, WritableEnable) or (isinstance(value, dict) and "writable" in value):
-        return "writable"
-    return _protocol_of(value)
-
-
-Enable = Annotated[
-    Annotated[bool, Tag("state")]
-    | Annotated[WritableEnable, Tag("writable")]
-    | Annotated[OpcUaTag, Tag("opcua")]
-    | Annotated[ModbusTag, Tag("modbus")]
-    | Annotated[ReplayTag, Tag("replay")],
-    Discriminator(
-        _form_of_enable,
-        custom_error_type="enable",
-        custom_error_message="true, false, writable: true, or a tag: source, and one of node, address or column",
-    ),
-]
-
 
 _OUTPUT = "a tag that the axis' observer estimates, as Position or Velocity, or Quality or State"
 

@@ -10,10 +10,10 @@ from ruamel.yaml import YAML
 
 from softplc.app.demo import PORTS, demo_config
 from softplc.config import schema
-from softplc.config.axis import WritableEnable
 from softplc.config.load import load
 from softplc.config.models import Config
 from softplc.config.remarks import remarks
+from softplc.config.source_tag import WritableEnable
 from softplc.drivers.modbus.config import ModbusSource, ModbusTag
 from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
 

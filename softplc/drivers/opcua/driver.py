@@ -252,12 +252,13 @@ class OpcUaDriver:
         """Have these reported where they exist; the others show why they are not."""
         assert self._subscription is not None
         ready = [binding for binding in bindings if binding.node is not None and not is_bad(binding.status)]
-        handles = [self._readings.index(binding) for binding in ready]
+        handle_of = {id(binding): handle for handle, binding in enumerate(self._readings)}
+        handles = [handle_of[id(binding)] for binding in ready]
         self._awaited |= set(handles)
         await self._subscription.monitor(ready, handles, self._sampling, self._config.queue_size)
         for binding in bindings:
             if not binding.monitored:
-                self._awaited.discard(self._readings.index(binding))
+                self._awaited.discard(handle_of[id(binding)])
                 self._latest.fail(binding.status, (position for position, _ in binding.uses))
 
     async def _await_first_values(self, deadline: float) -> None:
