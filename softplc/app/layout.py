@@ -139,7 +139,9 @@ def axis_spec(axis: Axis) -> AxisSpec:
         after_coast=axis.after_coast,
         reinit_samples=axis.reinit_samples,
         shadow_settling=axis.shadow.settle_ms / 1000.0 if axis.shadow else 0.0,
-        signal=axis.signal.spec(getattr(axis.input, "scale", 1.0)) if axis.signal else None,
+        signal=axis.signal.spec(getattr(axis.input, "scale", 1.0), getattr(axis.input, "offset", 0.0))
+        if axis.signal
+        else None,
         dead_time=None if axis.dead_time_ms is None else axis.dead_time_ms / 1000.0,
     )
 

@@ -27,6 +27,8 @@ _OPERATORS: Final[dict[type[ast.operator], Callable[[float, float], float]]] = {
     ast.FloorDiv: operator.floordiv,
     ast.Mod: operator.mod,
 }
+_MOST_BITS: Final = 1024  # of a whole number; what is beyond takes ever longer, and no double holds it
+_TOO_LARGE: Final = "found a number that is too large, expected a smaller one"
 _WHAT: Final = "a name or arithmetic of numbers, names, + - * / // % and brackets"
 
 
@@ -54,6 +56,8 @@ class _Hole:
         form = self.form if self.form[-1] in "dxXf" else self.form + "d"
         try:
             return format(whole, form)
+        except OverflowError:
+            raise PlaceholderError(_TOO_LARGE) from None
         except ValueError:
             raise PlaceholderError(
                 f"found {value!r}, expected a whole number for the format :{self.form}, or one such as :.2f"
@@ -170,11 +174,14 @@ def _number(name: str, value: Value) -> int | float:
 
 def _computed(compute: Callable[[float, float], float], left: float, right: float) -> int | float:
     try:
-        return compute(left, right)
+        found = compute(left, right)
     except ZeroDivisionError:
         raise PlaceholderError("found a division by 0, expected any other number") from None
     except OverflowError:
-        raise PlaceholderError("found a number that is too large, expected a smaller one") from None
+        raise PlaceholderError(_TOO_LARGE) from None
+    if isinstance(found, int) and found.bit_length() > _MOST_BITS:
+        raise PlaceholderError(_TOO_LARGE)
+    return found
 
 
 def _divided(left: float, right: float) -> int | float:

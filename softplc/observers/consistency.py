@@ -69,7 +69,7 @@ class Consistency:
     def clear(self, rows: Flags) -> None:
         """Begin a new window: the observer starts anew, or its tuning changed."""
         self._state.clear(rows)
-        self._refresh()
+        self._refresh(rows)
 
     def judge(self, samples: "Judgement", stepped: Flags, results: NDArray[np.uint8]) -> None:
         """Take what the kernel did in this scan; `stepped` are the rows whose state is from this scan."""
@@ -83,7 +83,7 @@ class Consistency:
         self._updated &= self._same <= _SAME
         moved = batch.step(state, tags.row("Innovation"), tags.row("S"), self._updated)
         if moved is not None:
-            self._refresh()
+            self._refresh(moved)
 
         if self._has_covariance:
             smallest = batch.smallest_eigenvalue(*(tags.row(leaf) for leaf in _ENTRIES))
@@ -105,8 +105,8 @@ class Consistency:
             np.copyto(self._same, np.where(z == self._z, self._same + 1, 1), where=stepped)
             np.copyto(self._z, z, where=stepped)
 
-    def _refresh(self) -> None:
-        """Some window moved: figures and verdict anew."""
+    def _refresh(self, moved: Flags) -> None:
+        """Windows of these rows moved: figures and verdict anew, by the gain that they have now."""
         tags, figures = self._tags, batch.Figures(self._state)
         tags.row("NISMean")[:] = figures.nis
         tags.row("Outside")[:] = figures.outside
@@ -118,7 +118,7 @@ class Consistency:
         if bleeds is not None and bleeds.any():
             wrong = (verdict != Diagnosis.NOT_ENOUGH_DATA) & (verdict != Diagnosis.CONSISTENT)
             verdict[wrong & bleeds.astype(np.bool_)] = Diagnosis.BLEED
-        self._verdict = verdict
+        np.copyto(self._verdict, verdict, where=moved)
         self._settle_status()
 
     def _settle_status(self) -> None:

@@ -178,7 +178,7 @@ class AxisGroup:
         self.modes.resume(other.modes, rows)
 
     def park(self, outputs: Image) -> None:
-        """Every estimate is NaN and BadInternalError from here; Raw stays as it was last."""
+        """Every estimate is NaN and BadInternalError from here; Raw keeps its last value, Uncertain."""
         self._tags.park(outputs)
 
     def _take_some(self, finite: NDArray[np.bool_]) -> None:

@@ -121,10 +121,13 @@ class Published:
         self._retuned.clear()
 
     def park(self, outputs: Image) -> None:
-        """Mark estimates and judged tags in the outputs, and say why."""
+        """Mark estimates and judged tags in the outputs, and say why; what was read last is not Good any more."""
         lost = self._index[np.concatenate([self._estimates, self._judged])]
         outputs.values[lost] = np.nan
         outputs.statuses[lost] = StatusCode.BAD_INTERNAL_ERROR
+        raw = self._index[self._rows["Raw"]]
+        good = raw[outputs.statuses[raw] < np.uint32(StatusCode.UNCERTAIN)]
+        outputs.statuses[good] = StatusCode.UNCERTAIN_LAST_USABLE_VALUE
         for leaf, value in (
             ("Quality", 0),
             ("Reason", Reason.INTERNAL_ERROR),

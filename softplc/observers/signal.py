@@ -47,6 +47,7 @@ class Signal:
         self._counted = np.flatnonzero([signal.counter is not None for signal in signals])
         self._turning = np.flatnonzero([signal.modulo is not None for signal in signals])
         self._C = numbers(signals[row].counter for row in self._counted)
+        self._zero = numbers(signals[row].counter_at_0 for row in self._counted)
         self._M = numbers(signals[row].modulo for row in self._turning)
         self._by_counter: Flags = np.isin(self._turning, self._counted)
         self._quantum = numbers(signal.quantum for signal in signals)
@@ -94,6 +95,8 @@ class Signal:
         moved = np.where(self._old, 0.0, self._v * self._dt)
         u, c, t = read, self._counted, self._turning
         if len(c):
+            counts = np.abs(read[c] - self._zero) <= self._C
+            read[c] = np.where(counts, read[c], np.nan)  # no counter of that span shows it
             u = read.copy()
             u[c] += self._C * _whole((self._u[c] + moved[c] - read[c]) / self._C)
         self._new_u = z = u
@@ -138,7 +141,7 @@ class Signal:
         if not (fast.any() or self._in_a_row.any()):
             return None
         read, stamp = samples.read[rows], samples.timestamps[rows]
-        known = (samples.input_status[rows] < np.uint32(StatusCode.BAD)) & np.isfinite(read)
+        known = (samples.input_status[rows] < np.uint32(StatusCode.BAD)) & np.isfinite(samples.z[rows])
         fast &= known
         again = known & np.where(fast, self._in_a_row >= self._most, self._old & (self._in_a_row > 0))
         again &= (read >= low[rows]) & (read <= high[rows])  # it will be where it says itself

@@ -43,10 +43,11 @@ class Signal(Model):
                 )
         return self
 
-    def spec(self, scale: float) -> "SignalSpec":
-        """As the observers see it; `scale`: unit of the axis for one count of the input tag."""
+    def spec(self, scale: float, offset: float = 0.0) -> "SignalSpec":
+        """As the observers see it; `scale`: unit of the axis for one count of the input tag, `offset`: at count 0."""
         return SignalSpec(
             counter=None if self.counter_bits is None else 2.0**self.counter_bits * abs(scale),
+            counter_at_0=offset,
             modulo=self.modulo,
             quantum=self.quantum or 0.0,
             dead_band=self.dead_band or 0.0,
@@ -59,11 +60,13 @@ class Signal(Model):
 class SignalSpec:
     """Conditioning of one axis' measurement, in the axis' unit.
 
-    `counter`: span after which the input's counter is where it was; `modulo`: one turn. `quantum` and `dead_band`
+    `counter`: span after which the input's counter is where it was, `counter_at_0`: what is read at count 0;
+    `modulo`: one turn. `quantum` and `dead_band`
     are 0 for none. `max_rate` in unit/s, `max_rate_samples` rejected in a row before the next one starts anew.
     """
 
     counter: float | None = None
+    counter_at_0: float = 0.0
     modulo: float | None = None
     quantum: float = 0.0
     dead_band: float = 0.0

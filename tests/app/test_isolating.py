@@ -130,10 +130,12 @@ def test_a_parked_axis_is_restarted_after_a_pause_and_settles():
 
     ramp(rig, pause - 2, 8)
     assert rig.outcome(3) == (StatusCode.BAD_INTERNAL_ERROR, Reason.INTERNAL_ERROR)
+    assert rig.status("Raw", 3) == StatusCode.UNCERTAIN_LAST_USABLE_VALUE  # nobody reads it on
     ramp(rig, 3, 8)
     assert rig.get("State", 3) == AxisState.REINIT
     ramp(rig, SETTLED, 8)
     assert rig.outcome(3) == (StatusCode.GOOD, Reason.NONE)
+    assert rig.status("Raw", 3) == StatusCode.GOOD
     assert [rig.outcome(axis)[0] for axis in range(8)] == [StatusCode.GOOD] * 8
 
 

@@ -150,6 +150,19 @@ def test_a_placeholder_says_its_value_or_what_is_wrong(text: str, value: Any) ->
         assert type(fill()) is type(value)
 
 
+@pytest.mark.parametrize(
+    "text", ["{" + "*".join("i" * 12) + "}", "{" + "*".join("i" * 90) + ":d}", "A{i*i*i}", "{i:.2f}", "{i / 3}"]
+)
+def test_a_number_of_hundreds_of_digits_is_too_large(text: str) -> None:
+    row = cells(i=int("9" * 399))  # the longest that a table may have
+
+    pattern = placeholders.read(text, frozenset(row), quoted=False)
+
+    assert pattern is not None
+    with pytest.raises(PlaceholderError, match="too large"):
+        pattern.fill(row)
+
+
 def test_quotes_keep_a_mixed_text_a_text() -> None:
     row = cells(i=7)
 

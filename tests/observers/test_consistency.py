@@ -226,3 +226,19 @@ def test_an_observer_without_innovation_has_no_such_tags():
     assert "Consistency" in consistency_leaves(("Innovation", "S"))
     rig = make_rig(AxisSpec("A0"))
     assert "A0.Consistency" not in rig.table
+
+
+def test_the_lamp_of_an_axis_is_the_same_beside_others_and_alone():
+    """The windows of the two move in different scans, and the gain is another in each scan."""
+    config = AoiConfig(type="aoi", q_x=0.01, q_x_dot=100.0, r_x=1.0)
+    rng = np.random.default_rng(2)
+    both = make_rig(*((AxisSpec(f"A{axis}", consistency=(50, 2)), config) for axis in range(2)))
+    alone = make_rig((AxisSpec("A0", consistency=(50, 2)), config))
+    lamps = set()
+    for k in range(300):
+        z, dt = float(rng.normal()), float(rng.choice([0.01, 0.05, 0.5]))
+        both.scan(z, math.nan if k % 7 == 0 else z, dt=dt)
+        alone.scan(z, dt=dt)
+        assert both.get("Consistency") == alone.get("Consistency")
+        lamps.add(alone.get("Consistency"))
+    assert len(lamps) > 2

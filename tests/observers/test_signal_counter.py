@@ -152,3 +152,28 @@ def test_a_slow_source_that_stamps_its_samples_is_followed_by_its_stamps():
         own.scan(counter(300.0 + 0.35 * SPAN * sample), stamp=100.0 + 0.1 * sample)
         if not k % 2:
             assert own.get("Position") == pytest.approx(300.0 + 0.35 * SPAN * sample, abs=0.006)
+
+
+@pytest.mark.parametrize("modulo", [None, 360.0])
+@pytest.mark.parametrize("wild", [1e300, -1e17, 2.0 * SPAN])
+def test_a_number_that_no_counter_of_that_span_shows_moves_neither_position_nor_count(
+    wild: float, modulo: float | None
+):
+    """1e300 has no digits left to say where in its turn the counter is."""
+    own = rig(signal=SignalSpec(counter=SPAN, modulo=modulo))
+    twin = rig(signal=SignalSpec(counter=SPAN, modulo=modulo))
+    for k in range(100):
+        own.scan(wild if k == 50 else counter(5.0 * k))
+        twin.scan(float("nan") if k == 50 else counter(5.0 * k))
+        if k == 50:
+            assert own.outcome() == (StatusCode.UNCERTAIN_ENGINEERING_UNITS_EXCEEDED, Reason.INPUT_OUT_OF_RANGE)
+        assert own.get("Position") == twin.get("Position")
+
+
+def test_a_counter_whose_tag_has_an_offset_is_followed_over_its_whole_span():
+    own = rig(signal=SignalSpec(counter=SPAN, counter_at_0=-1000.0))
+    for k in range(300):
+        own.scan(counter(5.0 * k) - 1000.0)
+        assert own.outcome()[0] < StatusCode.BAD
+        assert own.outcome()[1] in (Reason.NONE, Reason.INITIALISING)
+    assert own.get("Position") == pytest.approx(5.0 * 299 - 1000.0, abs=0.01)
