@@ -97,7 +97,7 @@ class WriteBack:
         """Hand the value to the link when it is due; how the write-back is.
 
         What still waits to be written is withdrawn when the output is not Good any more, and takes the newest value
-        with every scan while it is. After that, and after a reconnect, the next Good value is due, and what was refused
+        with every scan while it is. After that, and after a reconnect, the next Good value is due; what was refused
         is due again after a second. A value is valid for as long as the scan that it comes from counts as alive.
         """
         writing = self.link.writing
