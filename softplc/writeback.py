@@ -14,6 +14,7 @@ from softplc.timing import Scan
 
 _GOOD: Final = int(StatusCode.GOOD)
 _REMEMBERED: Final = 64  # answered writes, of which any may still be read back
+_ASKED_AGAIN: Final = 1.0  # seconds until a value that was refused is written once more
 _REAL: Final = 2.0**-23  # what a REAL loses of a value, at the most
 
 
@@ -96,8 +97,8 @@ class WriteBack:
         """Hand the value to the link when it is due; how the write-back is.
 
         What still waits to be written is withdrawn when the output is not Good any more, and takes the newest value
-        with every scan while it is. After that, and after a reconnect, the next Good value is due. A value is valid
-        for as long as the scan that it comes from counts as alive.
+        with every scan while it is. After that, and after a reconnect, the next Good value is due; what was refused
+        is due again after a second. A value is valid for as long as the scan that it comes from counts as alive.
         """
         writing = self.link.writing
         answer = writing.answers.get(self.position)
@@ -109,8 +110,8 @@ class WriteBack:
             self._start_anew()
             return WriteState.WITHHELD
         if outputs.statuses.item(self.index if self.judge is None else self.judge) != _GOOD:
-            if writing.withdraw(self.position) or self.read_back is not None:
-                self._start_anew()
+            writing.withdraw(self.position)
+            self._start_anew()
             return WriteState.WITHHELD
         waited = writing.waiting(self.position)
         value = outputs.values.item(self.index)
@@ -134,7 +135,10 @@ class WriteBack:
             return False
         if self.every_scans is not None:
             return scan.number % self.every_scans == 0
-        return self._last_value is None or abs(value - self._last_value) > self.deadband
+        if self._last_value is None or abs(value - self._last_value) > self.deadband:
+            return True
+        refused = self._answer is not None and is_bad(self._answer.status)
+        return refused and scan.start - self._last_time >= _ASKED_AGAIN
 
     def _judge(self, scan: Scan, inputs: Image, waited: bool) -> WriteState:
         if self._answer is None:

@@ -237,3 +237,28 @@ async def test_a_tag_that_is_good_in_every_state_is_written_only_while_the_posit
     written = {values[0] for values in rig.device.written}
     assert {2.0, 12.0} <= written
     assert not written & {6.0, 7.0, 8.0}
+
+
+async def test_after_a_spell_that_was_not_good_the_value_is_written_though_it_did_not_move():
+    rig = rig_with()
+    rig.device.values[0] = 5.0
+
+    def scan(scan):
+        bad = 10 <= scan.number < 20
+        rig.device.statuses[0] = StatusCode.UNCERTAIN_LAST_USABLE_VALUE if bad else StatusCode.GOOD
+
+    await rig.run(40, scan)
+    assert [values[0] for values in rig.device.written] == [5.0, 5.0]
+
+
+async def test_what_a_busy_device_refused_is_written_once_it_takes_it_though_it_did_not_move():
+    rig = rig_with()
+    rig.device.values[0] = 5.0
+
+    def scan(scan):
+        rig.device.write_status = StatusCode.BAD_RESOURCE_UNAVAILABLE if scan.number < 25 else 0
+
+    await rig.run(60, scan)  # 6 s
+    assert rig.value("Echo.1") == WriteState.WRITTEN
+    assert rig.value("Sources.plc.Writes") == 1
+    assert 2 <= rig.value("Sources.plc.WriteErrors") <= 4  # at first, and once a second for 2.5 s

@@ -41,7 +41,12 @@ class SourceLayout:
         heartbeat = None
         if settings is not None and self.heartbeat is not None:
             heartbeat = Heartbeat(self.heartbeat, settings.timeout_ms / 1000.0)
-        return Life(heartbeat, Stamps(len(self.readings), self.stale_after) if _tells_time(self.source) else None)
+        return Life(heartbeat, Stamps(len(self.readings), self.stale_after) if self.tells_time else None)
+
+    @property
+    def tells_time(self) -> bool:
+        """Its samples carry timestamps of its own clock."""
+        return _tells_time(self.source)
 
 
 @dataclass(frozen=True, slots=True)

@@ -127,7 +127,8 @@ def _build_write_back(layout: WriteBackLayout, link: Link) -> WriteBack:
 
 def _build_link(layout: SourceLayout, clock: Clock, period: float) -> Link:
     source = layout.source
-    make = partial(source.build, list(layout.readings), layout.writings, clock, period)
+    stamped = {"stamped": frozenset(layout.stale_after)} if layout.tells_time and layout.stale_after else {}
+    make = partial(source.build, list(layout.readings), layout.writings, clock, period, **stamped)
     try:
         make()  # imports the protocol's library now rather than on the scan's time
     except ConfigError as error:

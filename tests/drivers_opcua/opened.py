@@ -30,22 +30,32 @@ def make_tag(tag: Tag) -> OpcUaTag:
 
 
 def make_driver(
-    url: str, readings: Sequence[Tag], writings: Sequence[Tag] = (), clock: Clock | None = None, **config: Any
+    url: str,
+    readings: Sequence[Tag],
+    writings: Sequence[Tag] = (),
+    clock: Clock | None = None,
+    stamped: Sequence[int] = (),
+    **config: Any,
 ) -> OpcUaDriver:
     """A driver with timeouts that a busy test machine keeps, unless the test says otherwise."""
     settings = {"timeout_ms": 10_000.0, "connect_timeout_ms": 30_000.0, "stale_after_ms": 30_000.0, **config}
     source = OpcUaSource(type="opcua", name="plc", url=url, **settings)
     tags, targets = [make_tag(tag) for tag in readings], [make_tag(tag) for tag in writings]
-    driver = source.build(tags, targets, clock or SystemClock(), PERIOD)
+    driver = source.build(tags, targets, clock or SystemClock(), PERIOD, stamped)
     assert isinstance(driver, OpcUaDriver)
     return driver
 
 
 @asynccontextmanager
 async def opened(
-    url: str, readings: Sequence[Tag], writings: Sequence[Tag] = (), clock: Clock | None = None, **config: Any
+    url: str,
+    readings: Sequence[Tag],
+    writings: Sequence[Tag] = (),
+    clock: Clock | None = None,
+    stamped: Sequence[int] = (),
+    **config: Any,
 ) -> AsyncIterator[OpcUaDriver]:
-    driver = make_driver(url, readings, writings, clock, **config)
+    driver = make_driver(url, readings, writings, clock, stamped, **config)
     await driver.open()
     try:
         yield driver

@@ -68,6 +68,23 @@ async def test_a_value_that_never_changes_stays_good_on_keep_alives_alone(held: 
         assert image.arrivals[0] == arrival  # no new evidence, and none is made up
 
 
+async def test_a_new_timestamp_of_a_value_that_stands_still_is_reported_where_timestamps_count(plc: NodePlc):
+    tags = [f"{AXIS}.Held", f"{AXIS}.Count"]
+    async with opened(plc.url, tags, mode="subscribe", stamped=[0]) as driver:
+        first = await read(driver, 2)
+        until = time.monotonic() + 20.0
+        image = await read(driver, 2)
+        while image.source_timestamps[0] == first.source_timestamps[0]:
+            assert time.monotonic() < until
+            plc.do("set Count 0")
+            plc.do("set Held 3")
+            await asyncio.sleep(0.05)
+            await driver.read(image)
+
+        assert image.values.tolist() == [3.0, 0.0]
+        assert image.source_timestamps[1] == first.source_timestamps[1]
+
+
 async def test_a_silent_server_has_to_answer_before_its_values_count_again(start_plc: StartPlc):
     plc, patient = start_plc(), {"timeout_ms": 60_000.0, "stale_after_ms": 60_000.0}
     async with opened(plc.url, [f"{AXIS}.Float"], mode="subscribe", **patient) as driver:

@@ -1,6 +1,6 @@
 """Configuration of an OPC-UA source and of a tag in it."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Annotated, ClassVar, Literal
 from urllib.parse import urlsplit
 
@@ -120,12 +120,21 @@ class OpcUaSource(Model):
         return url
 
     def build(
-        self, readings: Sequence["OpcUaTag"], writings: Sequence["OpcUaTag"], clock: Clock, period: float
+        self,
+        readings: Sequence["OpcUaTag"],
+        writings: Sequence["OpcUaTag"],
+        clock: Clock,
+        period: float,
+        stamped: Collection[int] = (),
     ) -> Driver:
-        """A driver for one connection; imports asyncua now."""
+        """A driver for one connection; imports asyncua now.
+
+        `stamped`: positions of the readings whose timestamp counts though their value stands still; a subscription
+        has new timestamps of these reported, too.
+        """
         from softplc.drivers.opcua.driver import OpcUaDriver  # noqa: PLC0415  asyncua takes seconds to import
 
-        return OpcUaDriver(self, readings, writings, clock, period)
+        return OpcUaDriver(self, readings, writings, clock, period, stamped)
 
 
 class OpcUaTag(Model):

@@ -14,7 +14,7 @@ REBIND seconds, for a PLC's server may be up before its program is.
 import asyncio
 import contextlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -68,8 +68,10 @@ class OpcUaDriver:
         writings: Sequence[OpcUaTag],
         clock: Clock,
         period: float,
+        stamped: Collection[int] = (),
     ) -> None:
         self._config = config
+        self._stamped = frozenset(stamped)
         self._clock = clock
         self._period = period
         self._readings = group(readings, first_types(config))
@@ -255,7 +257,8 @@ class OpcUaDriver:
         handle_of = {id(binding): handle for handle, binding in enumerate(self._readings)}
         handles = [handle_of[id(binding)] for binding in ready]
         self._awaited |= set(handles)
-        await self._subscription.monitor(ready, handles, self._sampling, self._config.queue_size)
+        stamped = [any(position in self._stamped for position, _ in binding.uses) for binding in ready]
+        await self._subscription.monitor(ready, handles, stamped, self._sampling, self._config.queue_size)
         for binding in bindings:
             if not binding.monitored:
                 self._awaited.discard(handle_of[id(binding)])

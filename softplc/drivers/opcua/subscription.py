@@ -103,27 +103,39 @@ class Subscription:
             self._workers.add(worker)
             worker.add_done_callback(self._ended)
 
-    async def monitor(self, bindings: Sequence[Binding], handles: Sequence[int], sampling: float, queue: int) -> None:
+    async def monitor(
+        self,
+        bindings: Sequence[Binding],
+        handles: Sequence[int],
+        stamped: Sequence[bool],
+        sampling: float,
+        queue: int,
+    ) -> None:
         """Report changes of these variables under these handles; a variable that is refused has its problem told.
 
-        Raises LinkError when the server does not answer.
+        Of those that are `stamped` a new source timestamp is a change, too. Raises LinkError when the server does not
+        answer.
         """
-        pairs = list(zip(bindings, handles, strict=True))
-        for some in batches(pairs, min(BATCH, self._session.limits.monitor)):
+        triples = list(zip(bindings, handles, stamped, strict=True))
+        for some in batches(triples, min(BATCH, self._session.limits.monitor)):
             items = [
                 ua.MonitoredItemCreateRequest(
                     ItemToMonitor=read_value(binding.node),
                     MonitoringMode=ua.MonitoringMode.Reporting,
                     RequestedParameters=ua.MonitoringParameters(
-                        ClientHandle=handle, SamplingInterval=sampling * 1000.0, QueueSize=queue, DiscardOldest=True
+                        ClientHandle=handle,
+                        SamplingInterval=sampling * 1000.0,
+                        Filter=_with_timestamp() if by_stamp else None,
+                        QueueSize=queue,
+                        DiscardOldest=True,
                     ),
                 )
-                for binding, handle in some
+                for binding, handle, by_stamp in some
             ]
             results = await self._session.create_monitored_items(
                 ua.CreateMonitoredItemsParameters(self._id, ua.TimestampsToReturn.Source, items)
             )
-            for (binding, _), result in zip(some, results, strict=True):
+            for (binding, *_), result in zip(some, results, strict=True):
                 status = int(result.StatusCode.value)
                 binding.monitored = result.StatusCode.is_good()
                 if binding.monitored:
@@ -180,7 +192,7 @@ class Subscription:
             code = getattr(error.__cause__, "code", None)
             if code == ua.StatusCodes.BadTooManyPublishRequests and len(self._workers) > 1:
                 return  # the server takes fewer at a time; the others go on
-            self.fault = error
+            self.fault = self.fault or error  # the first is the cause, as that a report went missing is not
             self.news.set()
 
     def _ended(self, worker: "asyncio.Task[None]") -> None:
@@ -250,6 +262,11 @@ class Subscription:
         for handle, data in newest.items():
             self.skipped += overflowed(data)
             self._deliver(handle, data, self.last_sign)
+
+
+def _with_timestamp() -> ua.DataChangeFilter:
+    """Without a filter a value that is sampled anew and did not change is not reported (OPC 10000-4, 7.22.2)."""
+    return ua.DataChangeFilter(Trigger=ua.DataChangeTrigger.StatusValueTimestamp)
 
 
 def _lifetime_count(keep_alive_count: int, publishing: float) -> int:
