@@ -11,6 +11,7 @@ from softplc.app.layout import SourceLayout, TaskLayout, build_layout
 from softplc.clock import Clock, SystemClock
 from softplc.config.models import Config
 from softplc.errors import ConfigError, LinkError
+from softplc.interfaces import Driver
 from softplc.sample import Sample, StatusCode, quality, status_name
 from softplc.tags import Image
 
@@ -73,12 +74,19 @@ async def _read_once(config: Config) -> tuple[list[dict[str, Any]], list[str]]:
     layout = build_layout(config)
     sources = [(task, source) for task in layout.tasks for source in task.sources]
     try:
+        # All are built before the first one opens: the import of asyncua would outlast the time limits of the others.
+        drivers = [_built(task, source, clock) for task, source in sources]
         results = await asyncio.gather(
-            *(_read_source(task, source, units, ranges, clock) for task, source in sources), return_exceptions=True
+            *(
+                _read_source(task, source, driver, units, ranges, clock)
+                for (task, source), driver in zip(sources, drivers, strict=True)
+                if not isinstance(driver, ConfigError)
+            ),
+            return_exceptions=True,
         )
     finally:
         clock.close()
-    unfit = [str(result) for result in results if isinstance(result, ConfigError)]
+    unfit = [str(result) for result in (*drivers, *results) if isinstance(result, ConfigError)]
     if unfit:
         raise ConfigError(*unfit)
     groups: list[tuple[list[dict[str, Any]], list[str]]] = []
@@ -89,19 +97,26 @@ async def _read_once(config: Config) -> tuple[list[dict[str, Any]], list[str]]:
     return [row for rows, _ in groups for row in rows], [text for _, texts in groups for text in texts]
 
 
+def _built(task: TaskLayout, layout: SourceLayout, clock: Clock) -> Driver | ConfigError:
+    """The driver of a source, not open yet, or what keeps it from being one."""
+    source = layout.source
+    try:
+        driver: Driver = source.build(list(layout.readings), layout.writings, clock, task.task.period_ms / 1e3)
+    except ConfigError as problem:
+        return ConfigError(f"source {source.name}: {problem}")
+    return driver
+
+
 async def _read_source(
     task: TaskLayout,
     layout: SourceLayout,
+    driver: Driver,
     units: dict[str, str],
     ranges: dict[str, tuple[float, float] | None],
     clock: Clock,
 ) -> tuple[list[dict[str, Any]], list[str]]:
     source = layout.source
     image = Image(len(layout.readings))
-    try:
-        driver = source.build(list(layout.readings), layout.writings, clock, task.task.period_ms / 1e3)
-    except ConfigError as problem:
-        raise ConfigError(f"source {source.name}: {problem}") from problem
     error = ""
     texts: list[str] = []
     changes = [0.0] * len(layout.readings)

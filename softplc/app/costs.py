@@ -1,4 +1,6 @@
-"""What the parts of a scan cost, measured by `python3 dev.py bench budget`: medians, linear models, all in µs."""
+"""What the parts of a scan cost, as linear models, all in µs: docs/limits.md says which are medians of
+`python3 dev.py bench budget`, which are rounded from them, and which are estimates.
+"""
 
 from dataclasses import dataclass
 from typing import Final

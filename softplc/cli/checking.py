@@ -15,7 +15,7 @@ _SHOWN: Final = 50  # rows of a table that people read
 
 
 def check(path: Path, *, connect: bool, as_json: bool) -> int:
-    """Validate, and with `connect` read every tag once; see `softplc check --help`."""
+    """Validate, and with `connect` read every tag for a second; see `softplc check --help`."""
     from softplc.app.checking import missing_secrets, read_once  # noqa: PLC0415
     from softplc.config.load import load  # noqa: PLC0415
     from softplc.config.remarks import remarks  # noqa: PLC0415
@@ -115,7 +115,9 @@ def browse(url: str, contains: str, *, yaml: bool, user: str | None, as_json: bo
     if as_json:
         print_json(rows)
     elif not rows:
-        messages.print(f"no variable whose path contains {contains!r}" if contains else "the server has no variables")
+        messages.print(
+            f"no variable whose path or node id contains {contains!r}" if contains else "the server has no variables"
+        )
     else:
         if not yaml:
             print_table(rows, ("path", "node_id", "data_type", "value"))

@@ -135,10 +135,10 @@ def emulate(
 @cli.command()
 def check(
     config: ConfigPath,
-    connect: Annotated[bool, typer.Option("--connect", help="Read every tag once from its source.")] = False,
+    connect: Annotated[bool, typer.Option("--connect", help="Read every tag from its source for a second.")] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Validate a configuration without running it; with --connect read every tag once.
+    """Validate a configuration without running it; with --connect read every tag for a second.
 
     Example: softplc check config/plant.yaml --connect
     """
@@ -150,7 +150,7 @@ def check(
 @cli.command()
 def browse(
     url: Annotated[str, typer.Argument(help="OPC-UA endpoint, as in opc.tcp://192.168.0.10:4840.")],
-    contains: Annotated[str, typer.Option("--filter", help="Only paths that contain this text.")] = "",
+    contains: Annotated[str, typer.Option("--filter", help="Only paths or node ids that contain this text.")] = "",
     yaml: Annotated[bool, typer.Option("--yaml", help="Print only the block to paste into a configuration.")] = False,
     user: Annotated[
         str | None, typer.Option(help="Log in as this user; the password comes from SOFTPLC_PASSWORD.")

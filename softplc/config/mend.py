@@ -9,10 +9,15 @@ from softplc.config.tree import Mapping, Scalar
 Mend = Callable[[], None]
 
 
-def misspelt_key(block: Mapping, key: str, path: Path, known: Sequence[str]) -> tuple[Problem, Mend | None]:
-    """A key of a block that is none of those known there."""
+def misspelt_key(
+    block: Mapping, key: str, path: Path, known: Sequence[str], home: str | None = None
+) -> tuple[Problem, Mend | None]:
+    """A key of a block that is none of those known there; `home`: the block beside it that does know it."""
     entry = block.entries[key]
     free = [name for name in known if name not in block.entries]
+    if home is not None:
+        text = f"unknown key here; it belongs into the block {home}: indent it below {home}:"
+        return Problem(entry.line, entry.column, path, text), None
     guess = words.near(key, free)
     text = "unknown key" + (words.did_you_mean(key, free) or f", expected {words.choice(known)}")
     if key.isdecimal() and isinstance(entry.value, Scalar) and entry.value.value is None:

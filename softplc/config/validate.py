@@ -15,7 +15,7 @@ from softplc.config.expand import Expansion
 from softplc.config.mend import Mend, misspelt_key, misspelt_word
 from softplc.config.place import Place, follow
 from softplc.config.problem import LONG, Problem, shown
-from softplc.config.schema import CHOICES, EXPECTED, SECRET, Fragment, schema
+from softplc.config.schema import CHOICES, EXPECTED, SECRET, Fragment, resolved, schema
 from softplc.config.tree import Mapping, Node, Scalar, Sequence, plain
 
 _ROUNDS: Final = 8  # each mends at least one key; deeper nests of mistyped keys than this are not looked into
@@ -73,7 +73,7 @@ def _judge(root: Node, top: Fragment, error: Any, place: Place) -> Iterator[Judg
     kind = error["type"]
     node, fragment = place.node, place.fragment
     if kind == "extra_forbidden":
-        yield _unknown_key(place)
+        yield _unknown_key(top, place)
     elif place.hole:
         return
     elif kind == "missing" and isinstance(place.parent, Mapping):
@@ -105,11 +105,20 @@ def _long_enough(node: Sequence, fragment: Fragment) -> bool:
     return node.partial or len(node.items) >= fragment.get("minItems", 0)
 
 
-def _unknown_key(place: Place) -> Judged:
+def _unknown_key(top: Fragment, place: Place) -> Judged:
     key = str(place.path[-1])
     if isinstance(place.parent, Mapping) and key in place.parent.entries:
-        return misspelt_key(place.parent, key, place.path, list(place.around.get("properties", ())))
+        known = place.around.get("properties", {})
+        homes = [name for name, part in known.items() if key in _keys_within(top, part)]
+        return misspelt_key(place.parent, key, place.path, list(known), homes[0] if len(homes) == 1 else None)
     return _problem(place, "unknown key"), None
+
+
+def _keys_within(top: Fragment, fragment: Fragment) -> list[str]:
+    """The keys of the block that this key of a block may have; of several kinds of blocks none."""
+    blocks = [resolved(top, part) for part in resolved(top, fragment).get("anyOf", [fragment])]
+    blocks = [block for block in blocks if block.get("type") == "object"]
+    return list(blocks[0].get("properties", ())) if len(blocks) == 1 else []
 
 
 def _unknown_member(top: Fragment, place: Place, node: Mapping) -> Iterator[Judged]:
@@ -161,7 +170,7 @@ def _wrong_value(top: Fragment, place: Place) -> Problem:
     kind = None if "pattern" in place.fragment else place.fragment.get("type")
     if any(choice.get("type") == "boolean" for choice in place.fragment.get(CHOICES, {}).values()):
         kind = "boolean"
-    hint = words.hint(place.node, kind, key)
+    hint = words.hint(place.node, kind, key) or words.unquoted_placeholder(place.node)
     if empty and "default" in place.fragment:
         hint = "; leave the key out for its default"
     return _problem(place, f"found {words.found(place.node)}, expected {expected}{hint}")

@@ -168,6 +168,16 @@ def hint(node: Node | None, wanted: str | None, key: str) -> str:
     return _number_hint(node, key)
 
 
+def unquoted_placeholder(node: Node | None) -> str:
+    """For what YAML reads as a block with one key and no value, as `{Axis}` without quotes."""
+    if not isinstance(node, Mapping) or len(node.entries) != 1:
+        return ""
+    ((key, entry),) = node.entries.items()
+    if not isinstance(entry.value, Scalar) or entry.value.value is not None:
+        return ""
+    return f'; a placeholder is written in quotes, "{{{shown(key)}}}"'
+
+
 def _number_hint(node: Scalar, key: str) -> str:
     def is_number(text: str) -> bool:
         value = resolve(text)

@@ -63,6 +63,14 @@ async def test_a_filter_picks_by_part_of_the_path_or_by_pattern(plc: NodePlc, on
     assert {variable.path.rpartition(":")[2] for variable in listing.variables} == names
 
 
+async def test_a_filter_picks_by_part_of_the_node_id_as_well(plc: NodePlc):
+    (float_, *_) = (await browse(plc.url, only="axis/2:float")).variables
+
+    found = await browse(plc.url, only=float_.node.partition(";")[2].upper())
+
+    assert float_.node in {variable.node for variable in found.variables}
+
+
 async def test_bounds_end_the_search_and_it_is_told(plc: NodePlc):
     few = await browse(plc.url, max_nodes=10)
     flat = await browse(plc.url, max_depth=2)

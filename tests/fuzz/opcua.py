@@ -92,12 +92,14 @@ class Neighbour:
         self.longest = 0.0
         self._last = 0.0
 
-    def datachange_notification(self, _node: Any, value: int, _data: Any) -> None:
+    def datachange_notification(self, _node: Any, value: int | None, _data: Any) -> None:
+        if value is None and not self.beats:
+            return  # from before the server's first publish
         now = time.monotonic()
         if self._last:
             self.longest = max(self.longest, now - self._last)
         self._last = now
-        self.beats.append(value)
+        self.beats.append(-1 if value is None else value)  # one that is lost on the way counts as missing
 
     def missing(self) -> int:
         """Scans of which it was not told."""

@@ -1,10 +1,15 @@
 """`softplc check --connect`: what is right is left alone, and what cannot be meant is told with what would be."""
 
+import asyncio
 import json
 
 from softplc.app.checking import read_once
 from softplc.config.models import Config
+from softplc.drivers.modbus.config import ModbusSource
+from softplc.drivers.modbus.driver import ModbusDriver
+from softplc.drivers.opcua.config import OpcUaSource
 from tests.drivers_modbus.support import running_peer
+from tests.support.network import free_port
 
 OBSERVER = {"type": "aoi", "q_x": 0.001, "q_x_dot": 0.5, "r_x": 0.01}
 
@@ -33,8 +38,6 @@ async def test_orders_neighbours_types_and_tables_are_told_and_nothing_of_what_i
             "axes": axes,
             "publishers": [],
         }
-        import asyncio
-
         rows, texts = await asyncio.to_thread(read_once, Config.model_validate_json(json.dumps(document)))
 
     told = {text.partition(":")[0]: text for text in texts}
@@ -47,3 +50,37 @@ async def test_orders_neighbours_types_and_tables_are_told_and_nothing_of_what_i
     by_name = {row["tag"]: row for row in rows}
     assert by_name["Right.Raw"]["quality"] == "Good"
     assert by_name["Right.Raw"]["new_per_s"] == 0.0  # it stands still
+
+
+def test_every_driver_is_built_before_the_first_opens(monkeypatch):
+    """Building one imports its library, asyncua for half a second and more: as long as a handshake may take."""
+    events = []
+
+    def told(kind: type, name: str, event: str) -> None:
+        original = getattr(kind, name)
+
+        def wrapped(*arguments: object) -> object:
+            events.append(event)
+            return original(*arguments)
+
+        monkeypatch.setattr(kind, name, wrapped)
+
+    told(ModbusSource, "build", "built")
+    told(OpcUaSource, "build", "built")
+    told(ModbusDriver, "open", "opens")
+    port = free_port()  # nobody listens
+    document = {
+        "sources": [
+            {"type": "modbus", "name": "plc", "transport": {"host": "127.0.0.1", "port": port}},
+            {"type": "opcua", "name": "ua", "url": f"opc.tcp://127.0.0.1:{port}"},
+        ],
+        "axes": [
+            axis("A", address="holding:0"),
+            {"name": "B", "observer": OBSERVER, "input": {"source": "ua", "node": "ns=2;s=B"}},
+        ],
+    }
+
+    rows, _ = read_once(Config.model_validate_json(json.dumps(document)))
+
+    assert events == ["built", "built", "opens"]
+    assert all(row["error"] for row in rows)

@@ -85,7 +85,7 @@ async def browse(
     limit: float = 120.0,
     clock: Clock | None = None,
 ) -> Listing:
-    """Every variable below Objects, whose path contains `only` (or matches it, with * and ?, letter case aside).
+    """Every variable below Objects whose path or node id contains `only` (or matches it, with * and ?; case aside).
 
     Objects of namespace 0, which describe the server itself, are left out unless `server_nodes`. At most
     `max_nodes` nodes down to `max_depth` levels are looked at, `page` children of a node in one answer; a request may
@@ -97,7 +97,11 @@ async def browse(
     async def work() -> Listing:
         await session.open(timeout)
         found, complete = await _walk(session, server_nodes, max_nodes, max_depth, page)
-        chosen = [variable for variable in found if only is None or _matches(variable.path, only)]
+        chosen = [
+            variable
+            for variable in found
+            if only is None or _matches(variable.path, only) or _matches(variable.node.to_string(), only)
+        ]
         return Listing(tuple(await _describe(session, chosen)), complete)
 
     try:
