@@ -31,7 +31,7 @@ class Limits:
     items_per_session: int = 20_000
     queue_size: int = 100  # notifications kept for one monitored item
     unacknowledged: int = 100  # messages kept for Republish, per subscription
-    operations: int = 2_000  # nodes or items in one request; also told as OperationLimits
+    operations: int = 5_000  # nodes or items in one request; also told as OperationLimits
     references: int = 20_000  # references looked at for one Browse
     continuation_points: int = 10
     chunk_bytes: int = 65_535
