@@ -57,6 +57,7 @@ class AxisGroup:
         self._has_values = np.zeros(n, np.bool_)
         self.modes = Modes(places, kernel, self._tags, self._has_values)
         self._rejected = np.zeros(n, np.bool_)  # the last sample that was stepped
+        self._started_on = np.zeros(n, np.bool_)  # the same: velocity is an assumption yet
         self._arrivals = np.full(n, np.nan)  # newest ever
         self._started = np.nan
         for leaf, values in kernel.tuning.items():
@@ -129,6 +130,7 @@ class AxisGroup:
         plain = usual and not results.any()
         if plain:
             self._rejected.fill(False)
+            self._started_on.fill(False)
         else:
             self._explain(results, finite)
 
@@ -199,6 +201,9 @@ class AxisGroup:
     def _explain(self, results: NDArray[np.uint8], finite: NDArray[np.bool_]) -> None:
         """Status and reason of what the kernel did; they go before what an Uncertain input says."""
         samples = self.samples
+        starts = (results == Result.INITIALISED) | (results == Result.WARMING_UP)
+        np.copyto(self._started_on, starts, where=self.time.rows)
+        results[self.time.predict & self._started_on] = Result.INITIALISED  # a repetition tells no velocity
         for result, (status, reason) in _OUTCOME.items():
             where = results == result
             samples.status[where] = status

@@ -150,7 +150,7 @@ class Modes:
             self._tell(samples, shown, lost)
 
         used = shown == _USE
-        starting = used & _STARTING[results] & time.rows
+        starting = used & _STARTING[results] & (time.rows | time.predict)
         self._settle(samples, time, used, enabled)
         state = _STATE_OF[shown]
         state[used & (self._left > 0)] = AxisState.REINIT

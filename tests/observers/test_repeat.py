@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softplc.observers.axes import DtSource, OnRepeat
-from softplc.sample import Reason, StatusCode
+from softplc.observers.axes import AxisSpec, DtSource, OnRepeat
+from softplc.sample import AxisState, Reason, StatusCode
 from tests.observers.motion import DT_SOURCES, MODES, SPEED, axis, ramp
 from tests.observers.rig import make_rig
 
@@ -132,7 +132,7 @@ def test_enabling_again_forgets_how_long_the_value_was_held(dt_source: DtSource,
     assert rig.outcome()[1] == Reason.INITIALISING
 
     rig.again()
-    assert rig.outcome()[1] == (Reason.PREDICTED if on_repeat == "predict" else Reason.NONE)
+    assert rig.outcome()[1] == (Reason.INITIALISING if on_repeat == "predict" else Reason.NONE)
 
 
 @pytest.mark.parametrize(("dt_source", "on_repeat"), MODES)
@@ -219,3 +219,28 @@ def test_time_of_stamps_and_repetitions_adds_up_to_the_time_that_passed():
             total += rig.get("Dt")
 
     assert total == pytest.approx(stamp - start, abs=0.0101)  # the last repetition may still be ahead of its stamp
+
+
+@pytest.mark.parametrize("dead_time", [None, 0.0])
+def test_repetitions_of_the_sample_that_it_started_on_are_no_better_than_that(dead_time: float | None):
+    """A source of 200 ms in a task of 50 ms: until its second sample the velocity is an assumption."""
+    rig = make_rig(AxisSpec("A0", dt_source="source", on_repeat="predict", dead_time=dead_time))
+    for k in range(8):
+        if k % 4:
+            rig.again()
+        else:
+            rig.scan(100.0 * rig.next)
+        if k < 4:
+            assert rig.outcome() == (StatusCode.UNCERTAIN_INITIAL_VALUE, Reason.INITIALISING)
+            assert rig.get("State") == AxisState.INIT
+        else:
+            assert rig.outcome() == (StatusCode.GOOD, Reason.PREDICTED if k % 4 else Reason.NONE)
+            assert rig.get("State") == AxisState.RUN
+
+
+def test_a_value_that_is_held_from_the_start_on_is_good_when_it_counts_as_a_measurement():
+    rig = make_rig(AxisSpec("A0", on_repeat="predict", dt_source="source", held_after=0.3))
+    rig.scan(7.0)
+    for _ in range(8):
+        rig.again()
+    assert rig.outcome() == (StatusCode.GOOD, Reason.NONE)
