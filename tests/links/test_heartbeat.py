@@ -75,7 +75,7 @@ async def test_a_program_that_stops_is_seen_whatever_type_its_heartbeat_has(plc:
                 assert {seen.reason for seen in axes.history["A"][-4:]} == {Reason.NONE}
                 if variant_type in (V.Boolean, V.Int64):
                     await judge(axes, ["A", "B"])
-                    async with asyncio.timeout(PATIENCE):  # values that stand still settle for as long as the limit is
+                    async with asyncio.timeout(PATIENCE):  # values that stand still take the limit to settle
                         while not all(shown.status == 0 for shown in axes.shown.values()):
                             beat()
                             await axes.scan()
