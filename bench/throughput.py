@@ -151,8 +151,8 @@ def running(*command: str, env: dict[str, str] | None = None) -> "Iterator[subpr
             process.wait()
 
 
-def this(*arguments: Any) -> list[str]:
-    return [sys.executable, __file__, *map(str, arguments)]
+def this(*arguments: Any, script: str = Path(__file__).name) -> list[str]:
+    return [sys.executable, str(ROOT / script), *map(str, arguments)]
 
 
 def ask(process: "subprocess.Popen[str]") -> str:
@@ -162,9 +162,9 @@ def ask(process: "subprocess.Popen[str]") -> str:
     return next(line for line in process.stdout if line.startswith("{") or line.strip().isdigit())
 
 
-def monitor(url: str, n: int, folder: str) -> Any:
+def monitor(url: str, n: int, folder: str, pattern: str = "ns=2;s=AK.Position") -> Any:
     peers = os.environ.get("SOFTPLC_PEERS", str(ROOT.parent / "tests" / "peers"))
-    arguments = [url, folder, str(min(n, MONITORED)), "ns=2;s=AK.Position", str(PERIOD * 1e3)]
+    arguments = [url, folder, str(min(n, MONITORED)), pattern, str(PERIOD * 1e3)]
     return running("node", str(ROOT / "opcua_monitor.js"), *arguments, env={"NODE_PATH": f"{peers}/node_modules"})
 
 
