@@ -30,7 +30,7 @@ from softplc.sample import StatusCode
 from softplc.tags import Image
 
 _BACK_OFF_FIRST = 0.05  # seconds
-_BACK_OFF_MOST = 0.8  # from one attempt to the next, so that a source that is back is Good within a second
+_BACK_OFF_MOST = 0.5  # from one attempt to the next, so that a source that is back is Good within a second
 _OFF_SCAN_AFTER = 2  # scans in a row that waited in vain
 _CLOSE_LIMIT = 1.0
 
