@@ -52,7 +52,8 @@ class AxisGroup:
         self.commands = Commands(places, self.enable, kernel)
         self._tags = Published(places)
         n = len(places)
-        self._contacts = [(row, place.contact) for row, place in enumerate(places) if place.contact is not None]
+        contacts = [(row, place.contact) for row, place in enumerate(places) if place.contact is not None]
+        self._contacts = np.array(contacts, np.intp).reshape(-1, 2).T  # rows, and their inputs
         self.given = Given(self.enable.state, self.samples.z, self.time.dt, self.time.rows, np.full(n, np.nan))
         self._has_values = np.zeros(n, np.bool_)
         self.modes = Modes(places, kernel, self._tags, self._has_values)
@@ -85,8 +86,8 @@ class AxisGroup:
             self._kernel.init[self.samples.signal.anew] = False
         self.time.advance(scan, self.samples, self.enable.state, self._kernel.init, self._steps_of_the_plc(inputs))
         self.modes.begin(scan, self.samples, self.time, self.enable.state)
-        for row, index in self._contacts:
-            self.given.contact[row] = inputs.values[index]  # NaN while it is Bad
+        rows, contacts = self._contacts
+        self.given.contact[rows] = inputs.values[contacts]  # NaN while it is Bad
 
     def _obey(self) -> None:
         """Do what clients have written since the last scan. A new tuning leaves the state as it is."""

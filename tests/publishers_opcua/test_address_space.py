@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from asyncua import Client, Node, ua
 
-from softplc.publishers.opcua.address_space import DEFAULT_RANGE, DEFAULT_RANGES, engineering_units, eu_range
+from softplc.publishers.opcua.properties import DEFAULT_RANGE, DEFAULT_RANGES, engineering_units, eu_range
 from softplc.tags import Tag
 from softplc.units import UNECE_NAMESPACE, UNITS
 from tests.publishers_opcua.conftest import Served

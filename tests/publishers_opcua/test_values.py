@@ -112,7 +112,7 @@ def test_only_what_changed_is_marked(exchange: Exchange) -> None:
 
 
 def test_a_watch_looks_only_at_monitored_tags_that_changed() -> None:
-    watch = Watch(["a", "b", "c"], 0.05)
+    watch = Watch({"a": 0, "b": 1, "c": 2}, 0.05)
     watch.add(0, stamped=False)
     watch.add(1, stamped=True)
     every = np.array([True, True, True])
@@ -126,7 +126,7 @@ def test_a_watch_looks_only_at_monitored_tags_that_changed() -> None:
 
 
 def test_a_postponed_tag_is_looked_at_again_when_it_is_due() -> None:
-    watch = Watch(["a", "b"], 0.05)
+    watch = Watch({"a": 0, "b": 1}, 0.05)
     watch.postpone(1, 1.0)
 
     assert watch.due(None, 0.9) == []

@@ -7,7 +7,7 @@ scan and publishes the tag; so what clients read is always what the observer use
 import hashlib
 import hmac
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import structlog
@@ -69,7 +69,7 @@ class AllServices(PermissionRuleset):  # type: ignore[misc]  # asyncua is untype
 class Access:
     """Decides on every write and hands the good ones to the scan process."""
 
-    def __init__(self, reader: Reader, values: TagValues, index: dict[Any, int]) -> None:
+    def __init__(self, reader: Reader, values: TagValues, index: Mapping[Any, int]) -> None:
         self._reader, self._values, self._index = reader, values, index
         self._refused = 0
         self._told = -math.inf

@@ -14,46 +14,28 @@ Folders have a slash in their id, which no name of an axis, task or source can h
 their variable: `ns=2;s=AxisX.Position.EURange`.
 
 The nodes are put straight into asyncua's address space: its own AddNodes compares every new reference with all
-references of the parent, and takes 0.1 ms and 4 kB for each node; attributes that never change are shared here.
+references of the parent, and takes 0.1 ms and 4 kB for each node; attributes that never change are shared here, and a
+node is made when a client first asks for it.
 """
 
+from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Any, Final
 
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace, AttributeValue, NodeData
 
-from softplc.kernel.diagnosis import DIAGNOSIS_TEXT, Diagnosis
+from softplc.publishers.opcua.on_demand import OnDemand
+from softplc.publishers.opcua.properties import Constant, constants_of, leaf_of, type_of
 from softplc.publishers.opcua.values import VARIANT_TYPES, TagValues
-from softplc.sample import AXIS_STATE_TEXT, REASON_TEXT, AxisState, Quality, Reason
-from softplc.tags import Block, DataType, Tag, TagTable
-from softplc.units import UNECE_NAMESPACE, unit
+from softplc.tags import Block, TagTable
 
 APPLICATION_URI: Final = "urn:softplc:server"
 NAMESPACE_URI: Final = "urn:softplc:tags"
 NAMESPACE: Final = 2  # index of NAMESPACE_URI: the first that is registered
-OWN_UNITS_URI: Final = "urn:softplc:units"  # of units that UNECE has no code for
 
 _FOLDERS: Final = {"task": "Tasks", "source": "Sources", "axis": "Axes"}
 _ROOT: Final = "/softplc"
-
-# EURange where the configuration gives none: what an HMI's bar or trend starts with, no limit of anything.
-DEFAULT_RANGES: Final[dict[str, tuple[float, float]]] = {
-    "%": (0.0, 100.0),
-    "deg": (-360.0, 360.0),
-    "rad": (-6.283185307179586, 6.283185307179586),
-    "s": (0.0, 1.0),
-    "ms": (0.0, 1000.0),
-}
-DEFAULT_RANGE: Final = (-1000.0, 1000.0)
-
-# Enumerations among the tags of a block kind: what each number means.
-_STATES: Final[dict[tuple[str, str], tuple[str, ...]]] = {
-    ("axis", "Reason"): tuple(REASON_TEXT[reason] or "none" for reason in Reason),
-    ("axis", "Consistency"): tuple(DIAGNOSIS_TEXT[diagnosis] for diagnosis in Diagnosis),
-    ("axis", "State"): tuple(AXIS_STATE_TEXT[state] for state in AxisState),
-    ("axis", "Quality"): tuple(quality.name.capitalize() for quality in Quality),
-}
 
 _ORGANIZES: Final = ua.NodeId(ua.ObjectIds.Organizes)
 _HAS_COMPONENT: Final = ua.NodeId(ua.ObjectIds.HasComponent)
@@ -68,111 +50,127 @@ def node_id(name: str) -> Any:
     return ua.NodeId(name, NAMESPACE)
 
 
-def eu_range(tag: Tag) -> tuple[float, float]:
-    """The tag's range, or the default of its unit."""
-    return tag.range or DEFAULT_RANGES.get(tag.unit, DEFAULT_RANGE)
+def block_path(block: Block) -> str:
+    """The id of a block's node: what the names of its tags begin with."""
+    return block.tags[0].name.rpartition(".")[0] if block.tags else block.name
 
 
-def engineering_units(symbol: str) -> Any:
-    """EUInformation of a unit (OPC 10000-8, 5.6.4); unit id −1 in softplc's own namespace where UNECE has no code."""
-    found = unit(symbol)
-    uri = OWN_UNITS_URI if found.code is None else UNECE_NAMESPACE
-    return ua.EUInformation(uri, found.unit_id, ua.LocalizedText(found.symbol), ua.LocalizedText(found.name))
+class TagIndex(Mapping[Any, int]):
+    """Index of each tag by the id of its variable, without an object for each."""
+
+    def __init__(self, table: TagTable) -> None:
+        self._table = table
+
+    def __getitem__(self, asked: Any) -> int:
+        name = asked.Identifier
+        if asked.NamespaceIndex != NAMESPACE or not isinstance(name, str):
+            raise KeyError(asked)
+        return self._table.index(name)
+
+    def __iter__(self) -> Iterator[Any]:
+        return (node_id(tag.name) for tag in self._table)
+
+    def __len__(self) -> int:
+        return len(self._table)
 
 
 class Nodes:
-    """Adds softplc's nodes to asyncua's address space; variables read their values from `values`."""
+    """softplc's nodes in asyncua's address space; variables read their values from `values`.
+
+    The folders are there from the start. A block, a variable or a property is made when somebody asks for it, and
+    stays: of hundreds of thousands, clients look at few. Values are read and monitored without them.
+    """
 
     def __init__(self, space: AddressSpace, values: TagValues, interval_ms: float) -> None:
-        self._space, self._values = space, values
+        self._space, self._values, self._table = space, values, values.table
         self._interval_ms = interval_ms
-        self._index: dict[Any, int] = {}
+        self._blocks: dict[str, tuple[NodeData, Block]] = {}  # by path, with the folder
         self._constants: dict[tuple[Any, ...], AttributeValue] = {}
         self._alike: dict[tuple[Any, ...], dict[Any, AttributeValue]] = {}
         self._type_references: dict[Any, Any] = {}
         self._back_references: dict[Any, Any] = {}
 
-    def build(self, table: TagTable) -> list[Any]:
-        """Add everything below Objects/softplc; returns the node id of each tag, in the table's order."""
+    def build(self) -> None:
+        """Add everything below Objects/softplc."""
         objects = self._space[ua.NodeId(ua.ObjectIds.ObjectsFolder)]
-        root = self._object(objects, _ORGANIZES, _ROOT, "softplc", ua.ObjectIds.FolderType)
-        folders = {
-            kind: self._object(root, _ORGANIZES, f"{_ROOT}/{name}", name, ua.ObjectIds.FolderType)
-            for kind, name in _FOLDERS.items()
-        }
-        for block in table.blocks:
-            self._block(folders[block.kind], block)
-        return list(self._index)
+        root = self._folder(objects, _ROOT, "softplc")
+        folders = {kind: self._folder(root, f"{_ROOT}/{name}", name) for kind, name in _FOLDERS.items()}
+        for block in self._table.blocks:
+            folder, path = folders[block.kind], block_path(block)
+            self._blocks[path] = folder, block
+            name = _name(block.name, NAMESPACE)
+            self._lead(folder, _ORGANIZES, path, name, ua.NodeClass.Object, ua.ObjectIds.BaseObjectType)
+        self._space._nodes = OnDemand(self._space._nodes, self._make)
 
-    def _block(self, folder: NodeData, block: Block) -> None:
-        path = block.tags[0].name.rpartition(".")[0] if block.tags else block.name
-        parent = self._object(folder, _ORGANIZES, path, block.name, ua.ObjectIds.BaseObjectType)
-        for offset, tag in enumerate(block.tags):
-            self._tag(parent, block, tag, block.start + offset)
+    def _make(self, asked: Any) -> NodeData | None:
+        """The node with this id, as it is below one of the folders; None where there is none."""
+        name = asked.Identifier
+        if asked.NamespaceIndex != NAMESPACE or not isinstance(name, str):
+            return None
+        if name in self._blocks:
+            return self._block(*self._blocks[name])
+        owner, _, leaf = name.rpartition(".")
+        if name in self._table:
+            return self._tag(self._blocks[owner][1], self._table.index(name))
+        if owner in self._table:
+            index = self._table.index(owner)
+            block = self._blocks[owner.rpartition(".")[0]][1]
+            for constant in constants_of(block, self._table.tags[index]):
+                if constant.name == leaf:
+                    return self._property(owner, constant)
+        return None
 
-    def _tag(self, parent: NodeData, block: Block, tag: Tag, index: int) -> None:
-        leaf = tag.name.rpartition(".")[2]
-        states = _STATES.get((block.kind, leaf))
-        analog = tag.data_type is DataType.DOUBLE and (bool(tag.unit) or tag.range is not None)
-        type_id = ua.ObjectIds.BaseDataVariableType
-        if analog:
-            type_id = ua.ObjectIds.AnalogUnitRangeType
-        elif states:
-            type_id = ua.ObjectIds.MultiStateDiscreteType
+    def _folder(self, parent: NodeData, path: str, name: str) -> NodeData:
+        own, kind = _name(name, NAMESPACE), ua.ObjectIds.FolderType
+        self._lead(parent, _ORGANIZES, path, own, ua.NodeClass.Object, kind)
+        node = self._object(parent, path, own, kind)
+        self._space[node.nodeid] = node
+        return node
+
+    def _block(self, folder: NodeData, block: Block) -> NodeData:
+        node = self._object(folder, block_path(block), _name(block.name, NAMESPACE), ua.ObjectIds.BaseObjectType)
+        for tag in block.tags:
+            name = _name(leaf_of(tag), NAMESPACE)
+            self._lead(node, _HAS_COMPONENT, tag.name, name, ua.NodeClass.Variable, type_of(block, tag))
+        return node
+
+    def _tag(self, block: Block, index: int) -> NodeData:
+        tag = self._table.tags[index]
         value = AttributeValue(None)
         value.value_callback = self._read
         access = _READ_WRITE if tag.writable else _READ
         data_type = ua.NodeId(VARIANT_TYPES[tag.data_type].value)
+        name, type_id = _name(leaf_of(tag), NAMESPACE), type_of(block, tag)
+        parent = self._space[node_id(block_path(block))]
         node = self._variable(
-            parent,
-            _HAS_COMPONENT,
-            tag.name,
-            _name(leaf, NAMESPACE),
-            type_id,
-            data_type,
-            value,
-            access,
-            tag.description,
+            parent, _HAS_COMPONENT, tag.name, name, type_id, data_type, value, access, tag.description
         )
-        self._index[node.nodeid] = index
-        if analog:
-            low, high = eu_range(tag)
-            self._property(node, "EURange", ua.ObjectIds.Range, ("range", low, high), lambda: ua.Range(low, high))
-            self._property(
-                node,
-                "EngineeringUnits",
-                ua.ObjectIds.EUInformation,
-                ("unit", tag.unit),
-                lambda: engineering_units(tag.unit),
-            )
-        elif states:
-            self._property(
-                node,
-                "EnumStrings",
-                ua.ObjectIds.LocalizedText,
-                ("states", states),
-                lambda: [ua.LocalizedText(state) for state in states],
-            )
+        for constant in constants_of(block, tag):
+            path, own = f"{tag.name}.{constant.name}", _name(constant.name, 0)
+            self._lead(node, _HAS_PROPERTY, path, own, ua.NodeClass.Variable, ua.ObjectIds.PropertyType)
+        return node
 
-    def _property(self, parent: NodeData, name: str, data_type: int, key: tuple[Any, ...], make: Any) -> None:
-        value = self._constants.get(key)
+    def _property(self, owner: str, constant: Constant) -> NodeData:
+        value = self._constants.get(constant.key)
         if value is None:
-            value = self._constants[key] = AttributeValue(ua.DataValue(ua.Variant(make())))
-        self._variable(
-            parent,
+            value = self._constants[constant.key] = AttributeValue(ua.DataValue(ua.Variant(constant.make())))
+        return self._variable(
+            self._space[node_id(owner)],
             _HAS_PROPERTY,
-            f"{parent.nodeid.Identifier}.{name}",
-            _name(name, 0),
+            f"{owner}.{constant.name}",
+            _name(constant.name, 0),
             ua.ObjectIds.PropertyType,
-            ua.NodeId(data_type),
+            ua.NodeId(constant.data_type),
             value,
             _READ,
         )
 
-    def _object(self, parent: NodeData, reference: Any, path: str, name: str, type_id: int) -> NodeData:
-        own, kind = _name(name, NAMESPACE), ua.NodeClass.Object
-        attributes = self._common(own, kind) | {ua.AttributeIds.EventNotifier: self._constant(0, ua.VariantType.Byte)}
-        return self._node(parent, reference, path, own, kind, type_id, attributes)
+    def _object(self, parent: NodeData, path: str, name: Any, type_id: int) -> NodeData:
+        kind = ua.NodeClass.Object
+        attributes = self._common(name, kind) | {
+            ua.AttributeIds.EventNotifier: self._constant(0, ua.VariantType.Byte)
+        }
+        return self._node(parent, _ORGANIZES, path, type_id, attributes)
 
     def _variable(
         self,
@@ -201,7 +199,7 @@ class Nodes:
                 ids.Description: self._text(description),
                 ids.Historizing: constant(False, types.Boolean),
             }
-        node = self._node(parent, reference, path, name, ua.NodeClass.Variable, type_id, alike)
+        node = self._node(parent, reference, path, type_id, alike)
         node.attributes[ua.AttributeIds.Value] = value
         return node
 
@@ -218,30 +216,23 @@ class Nodes:
         }
 
     def _node(
-        self,
-        parent: NodeData,
-        reference: Any,
-        path: str,
-        name: Any,
-        node_class: Any,
-        type_id: int,
-        alike: dict[Any, AttributeValue],
+        self, parent: NodeData, reference: Any, path: str, type_id: int, alike: dict[Any, AttributeValue]
     ) -> NodeData:
         """A node with these attributes, but for its own id."""
-        ids = ua.AttributeIds
         node = NodeData(node_id(path))
         node.attributes = alike.copy()
         variant = ua.Variant(node.nodeid, ua.VariantType.NodeId, None, False)
-        node.attributes[ids.NodeId] = AttributeValue(ua.DataValue(variant))
-        display = alike[ids.DisplayName].value.Value.Value
-        type_definition = self._type_reference(type_id)
-        forward = ua.ReferenceDescription(
-            reference, True, node.nodeid, name, display, node_class, type_definition.NodeId
-        )
-        node.references = [self._back_reference(parent, reference), type_definition]
-        parent.references.append(forward)
-        self._space[node.nodeid] = node
+        node.attributes[ua.AttributeIds.NodeId] = AttributeValue(ua.DataValue(variant))
+        node.references = [self._back_reference(parent, reference), self._type_reference(type_id)]
         return node
+
+    def _lead(self, parent: NodeData, reference: Any, path: str, name: Any, node_class: Any, type_id: int) -> None:
+        """A reference from the parent to the node of this path, whether it is made already or not."""
+        display = self._text(name.Name).value.Value.Value
+        kind = self._type_reference(type_id).NodeId
+        parent.references.append(
+            ua.ReferenceDescription(reference, True, node_id(path), name, display, node_class, kind)
+        )
 
     def _back_reference(self, parent: NodeData, reference: Any) -> Any:
         key = (parent.nodeid, reference)
@@ -288,7 +279,7 @@ class Nodes:
         return self._constant(ua.LocalizedText(text), ua.VariantType.LocalizedText, text)
 
     def _read(self, tag_node_id: Any, _attribute: Any) -> Any:
-        return self._values.data_value(self._index[tag_node_id])
+        return self._values.data_value(self._table.index(tag_node_id.Identifier))
 
 
 @cache

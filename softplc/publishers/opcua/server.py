@@ -20,7 +20,7 @@ import softplc
 from softplc.errors import SoftplcError
 from softplc.exchange import Reader
 from softplc.publishers.opcua.access import Access, AllServices, Users
-from softplc.publishers.opcua.address_space import APPLICATION_URI, NAMESPACE, NAMESPACE_URI, Nodes
+from softplc.publishers.opcua.address_space import APPLICATION_URI, NAMESPACE, NAMESPACE_URI, Nodes, TagIndex, node_id
 from softplc.publishers.opcua.config import OpcUaPublisher
 from softplc.publishers.opcua.fast.reads import Reads
 from softplc.publishers.opcua.fast.seam import proven
@@ -65,9 +65,8 @@ class OpcUaServer:
         self._space: Any = None
         self._listener: Listener | None = None
         self._values = TagValues(reader.table, reader.clock.utc_ns())
-        self._watch = Watch([], 0.0)
+        self._watch = Watch({}, 0.0)
         self._sweep: Sweep | None = None
-        self._attributes: list[Any] = []
         self._second = 0
         self._service_level = -1
         self._overloaded = [index for index, tag in enumerate(reader.table) if _OVERLOADED.fullmatch(tag.name)]
@@ -108,7 +107,8 @@ class OpcUaServer:
         if self._sweep is not None and (changes is not None or self._sweep.sampled):
             self._sweep.look()
         for number, index in enumerate(due, start=1):
-            await _notify(self._attributes[index], self._values.data_value(index))
+            node = self._space[node_id(self._reader.table.tags[index].name)]
+            await _notify(node.attributes[ua.AttributeIds.Value], self._values.data_value(index))
             if not number % _ITEMS_PER_TURN:
                 await asyncio.sleep(0)
         if now // 1_000_000_000 != self._second:
@@ -151,9 +151,8 @@ class OpcUaServer:
             if await server.register_namespace(NAMESPACE_URI) != NAMESPACE:
                 raise SoftplcError(f"{NAMESPACE_URI} is not namespace {NAMESPACE}: another one was registered first")
             interval_ms = self._config.interval_ms or _USUAL_INTERVAL_MS
-            ids = Nodes(inner.aspace, self._values, interval_ms).build(self._reader.table)
-        self._watch = inner.watch = Watch(ids, interval_ms / 1000.0)
-        self._attributes = [inner.aspace[node_id].attributes[ua.AttributeIds.Value] for node_id in ids]
+            Nodes(inner.aspace, self._values, interval_ms).build()
+        self._watch = inner.watch = Watch(TagIndex(self._reader.table), interval_ms / 1000.0)
         if self._fast and proven():
             inner.reads = Reads(self._values, self._reader.clock, self._limits.operations)
             inner.sweep = self._sweep = Sweep(self._values, self._watch)

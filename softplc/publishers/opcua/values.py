@@ -4,7 +4,7 @@ A tag that nobody reads or monitors costs a few nanoseconds per publish, whateve
 """
 
 import heapq
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final
@@ -140,16 +140,17 @@ class TagValues:
 class Watch:
     """Which tags have monitored items, so that publishing touches only those.
 
-    `interval` is the publisher's own, in seconds; `now` the monotonic time of the publish in progress.
+    `index` has each tag's by its node id. `interval` is the publisher's own, in seconds; `now` the monotonic time of
+    the publish in progress.
     """
 
-    def __init__(self, node_ids: Sequence[Any], interval: float) -> None:
-        self.index: dict[Any, int] = {node_id: index for index, node_id in enumerate(node_ids)}
+    def __init__(self, index: Mapping[Any, int], interval: float) -> None:
+        self.index = index
         self.interval = interval
         self.now = 0.0
-        self._items = np.zeros(len(node_ids), np.int32)
-        self._watched = np.zeros(len(node_ids), np.bool_)
-        self._stamped = np.zeros(len(node_ids), np.bool_)
+        self._items = np.zeros(len(index), np.int32)
+        self._watched = np.zeros(len(index), np.bool_)
+        self._stamped = np.zeros(len(index), np.bool_)
         self._later: list[tuple[float, int]] = []
 
     def add(self, index: int, *, stamped: bool) -> None:

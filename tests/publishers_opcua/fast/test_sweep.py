@@ -34,7 +34,7 @@ class Swept:
 
     def __init__(self, samples: list[Sampled], queues: int = 1) -> None:
         self.values: TagValues = served(samples, NOW)
-        self.watch = Watch([str(index) for index in range(len(samples))], 0.05)
+        self.watch = Watch({str(index): index for index in range(len(samples))}, 0.05)
         self.sweep = Sweep(self.values, self.watch)
         self.queues = [Queue() for _ in range(queues)]
         self.numbers = [self.sweep.open(queue) for queue in self.queues]
