@@ -122,6 +122,12 @@ def main(command: str = "", *arguments: str) -> None:
             sys.exit(2 if arguments else 0)
         arguments = (f"bench/{arguments[0]}.py", *arguments[1:])
     prepare()
+    peers = ROOT / "tests" / "peers"
+    there = "SOFTPLC_PEERS" in os.environ or (peers / "node_modules").is_dir() or not peers.is_dir()
+    if command in {"bench", "chaos"} and not there:
+        say("installing the third-party peers into tests/peers, from npm")
+        if not run("npm", "ci", "--silent", "--ignore-scripts", "--no-audit", "--no-fund", cwd=str(peers)):
+            say("npm could not install them; what needs one will say so")
     os.environ["PATH"] = os.pathsep.join([str(VENV / "bin"), os.environ.get("PATH", os.defpath)])
     if command != "softplc":  # which may name files of the folder where it is called
         os.chdir(str(ROOT))

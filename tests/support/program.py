@@ -112,8 +112,9 @@ class Program:
 
 
 def _collect(stream: Any, lines: list[str]) -> None:
-    for line in stream:
-        lines.append(line)
+    with stream:
+        for line in stream:
+            lines.append(line)
 
 
 def run_node(script: Path, arguments: Sequence[str], cwd: Path, timeout: float = 60.0) -> Any:
