@@ -134,6 +134,31 @@ AXIS_STATE_TEXT: Final[dict[AxisState, str]] = {
 }
 
 
+class WriteState(IntEnum):
+    """How a write-back is; the worst of an axis is its tag `WriteState`. Higher numbers are worse."""
+
+    NONE = 0  # nothing was due yet
+    WRITTEN = 1  # the source took the newest value that was due, and gives it back where that is asked
+    WAITING = 2  # for the source's answer, or for the value to be read back
+    WITHHELD = 3  # the output is not Good, or the link is down
+    REFUSED = 4  # the source refused the newest value
+    UNVERIFIED = 5  # the written tag cannot be read
+    MISMATCH = 6  # the source gives back another value
+    PARKED = 7  # a defect of our own
+
+
+WRITE_STATE_TEXT: Final[dict[WriteState, str]] = {
+    WriteState.NONE: "nothing was due",
+    WriteState.WRITTEN: "written",
+    WriteState.WAITING: "waiting for the source",
+    WriteState.WITHHELD: "withheld, the output is not Good",
+    WriteState.REFUSED: "refused by the source",
+    WriteState.UNVERIFIED: "cannot be read back",
+    WriteState.MISMATCH: "another value is read back",
+    WriteState.PARKED: "parked after a failure",
+}
+
+
 @dataclass(frozen=True, slots=True)
 class Sample:
     """One value of one tag. `value` is NaN exactly when `status` is Bad; `source_timestamp` is ns UTC."""

@@ -12,10 +12,10 @@ from softplc.exchange import Writer
 from softplc.interfaces import Observer
 from softplc.link import Link
 from softplc.log_limit import LogLimit
-from softplc.sample import StatusCode
+from softplc.sample import StatusCode, WriteState
 from softplc.tags import Block, DataType, Image, Tag
 from softplc.timing import Deadlines, Scan, TaskStatistics, next_deadline
-from softplc.writeback import WriteBack, WriteState
+from softplc.writeback import WriteBack
 
 READ_BUDGET = 0.6  # part of the period that a scan waits for replies; later ones serve the next scan
 _STATISTICS = (

@@ -2,13 +2,12 @@
 
 from collections import deque
 from dataclasses import dataclass, field
-from enum import IntEnum
 from typing import Final
 
 from softplc.exchange import DEAD_AFTER_AT_LEAST, DEAD_AFTER_PERIODS
 from softplc.link import Link
 from softplc.link_write import Written
-from softplc.sample import StatusCode, is_bad
+from softplc.sample import StatusCode, WriteState, is_bad
 from softplc.tags import Image
 from softplc.timing import Scan
 
@@ -16,19 +15,6 @@ _GOOD: Final = int(StatusCode.GOOD)
 _REMEMBERED: Final = 64  # answered writes, of which any may still be read back
 _ASKED_AGAIN: Final = 1.0  # seconds until a value that was refused is written once more
 _REAL: Final = 2.0**-23  # what a REAL loses of a value, at the most
-
-
-class WriteState(IntEnum):
-    """How a write-back is; the worst of an axis is its tag `WriteState`. Higher numbers are worse."""
-
-    NONE = 0  # nothing was due yet
-    WRITTEN = 1  # the source took the newest value that was due, and gives it back where that is asked
-    WAITING = 2  # for the source's answer, or for the value to be read back
-    WITHHELD = 3  # the output is not Good, or the link is down
-    REFUSED = 4  # the source refused the newest value
-    UNVERIFIED = 5  # the written tag cannot be read
-    MISMATCH = 6  # the source gives back another value
-    PARKED = 7  # a defect of our own
 
 
 @dataclass(slots=True)

@@ -5,8 +5,8 @@ import pytest
 import structlog
 
 from softplc.clock import VirtualClock
-from softplc.sample import StatusCode
-from softplc.writeback import WriteBack, WriteState
+from softplc.sample import StatusCode, WriteState
+from softplc.writeback import WriteBack
 from tests.support.tasks import Rig
 
 

@@ -5,8 +5,8 @@ import asyncio
 import structlog
 
 from softplc.clock import SystemClock, VirtualClock
-from softplc.sample import StatusCode
-from softplc.writeback import ReadBack, WriteBack, WriteState
+from softplc.sample import StatusCode, WriteState
+from softplc.writeback import ReadBack, WriteBack
 from tests.support.network import eventually
 from tests.support.tasks import Rig
 

@@ -7,6 +7,7 @@ from softplc.exchange import Reader, Writer, size
 from softplc.observers.axes import AxisSpec, axis_tags
 from softplc.publishers.opcua.config import OpcUaPublisher
 from softplc.publishers.opcua.server import OpcUaServer
+from softplc.sample import WRITE_STATE_TEXT, WriteState
 from softplc.scan import task_tags
 from softplc.tags import DataType, Image, TagTable
 from tests.observers.simple import CASES
@@ -18,7 +19,7 @@ async def test_a_client_reads_every_tag_of_every_observer_with_its_unit():
     clock, table = VirtualClock(), TagTable()
     table.add_block("main", "task", task_tags("main"))
     for number, case in enumerate(CASES):
-        spec = AxisSpec(f"A{number}", unit="mm" if number % 2 else "")
+        spec = AxisSpec(f"A{number}", unit="mm" if number % 2 else "", writes=True)
         table.add_block(spec.name, "axis", axis_tags(spec, case.configs[0]))
     table.close_section("main")
     buffer = bytearray(size(table))
@@ -39,5 +40,7 @@ async def test_a_client_reads_every_tag_of_every_observer_with_its_unit():
                 if tag.data_type is DataType.DOUBLE and tag.unit:
                     unit = await (await node.get_child("0:EngineeringUnits")).read_value()
                     assert unit.DisplayName.Text == tag.unit, tag.name
+            texts = await client.get_node("ns=2;s=A0.WriteState.EnumStrings").read_value()
+            assert [text.Text for text in texts] == [WRITE_STATE_TEXT[state] for state in WriteState]
     finally:
         await server.close()

@@ -12,7 +12,7 @@ from softplc.app.scan_process import build_tasks, start_tasks
 from softplc.clock import SystemClock
 from softplc.config.models import Config
 from softplc.exchange import Reader, Writer, size
-from softplc.writeback import WriteState
+from softplc.sample import WriteState
 from tests.drivers_modbus.support import running_peer
 from tests.drivers_opcua.servers import NodePlc
 from tests.support.network import eventually

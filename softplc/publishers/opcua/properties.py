@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple
 from asyncua import ua
 
 from softplc.kernel.diagnosis import DIAGNOSIS_TEXT, Diagnosis
-from softplc.sample import AXIS_STATE_TEXT, REASON_TEXT, AxisState, Quality, Reason
+from softplc.sample import AXIS_STATE_TEXT, REASON_TEXT, WRITE_STATE_TEXT, AxisState, Quality, Reason, WriteState
 from softplc.tags import Block, DataType, Tag
 from softplc.units import UNECE_NAMESPACE, unit
 
@@ -27,6 +27,7 @@ _STATES: Final[dict[tuple[str, str], tuple[str, ...]]] = {
     ("axis", "Reason"): tuple(REASON_TEXT[reason] or "none" for reason in Reason),
     ("axis", "Consistency"): tuple(DIAGNOSIS_TEXT[diagnosis] for diagnosis in Diagnosis),
     ("axis", "State"): tuple(AXIS_STATE_TEXT[state] for state in AxisState),
+    ("axis", "WriteState"): tuple(WRITE_STATE_TEXT[state] for state in WriteState),
     ("axis", "Quality"): tuple(quality.name.capitalize() for quality in Quality),
 }
 
