@@ -77,6 +77,7 @@ class Reason(IntEnum):
     PASSED_THROUGH = 21  # the input is no measurement; its number is shown as it is
     STAMP_FROZEN = 22  # the source's timestamp of this sample stands still
     PROGRAM_STOPPED = 23  # the heartbeat of the source's program stands still
+    TURNS_UNKNOWN = 24  # while samples were missing the counter may have rolled over unseen: off by whole spans
 
 
 REASON_TEXT: Final[dict[Reason, str]] = {
@@ -104,6 +105,7 @@ REASON_TEXT: Final[dict[Reason, str]] = {
     Reason.PASSED_THROUGH: "input not usable as a measurement, passed through",
     Reason.STAMP_FROZEN: "the source's timestamp stands still",
     Reason.PROGRAM_STOPPED: "the heartbeat of the source's program stands still",
+    Reason.TURNS_UNKNOWN: "the counter may have rolled over unseen, off by whole spans",
 }
 
 

@@ -25,6 +25,7 @@ from softplc.config.problem import Problem
 from softplc.config.syntax_words import Quote, syntax_problems
 from softplc.config.tree import Node
 
+# What the YAML library raises on some texts instead of an error of its own; NotImplementedError is one of them.
 _LIBRARY_GAVE_UP: Final = (ValueError, TypeError, LookupError, AttributeError, AssertionError, NotImplementedError)
 _LONGEST_TAG: Final = 1000  # the library takes quadratic time for a tag
 _LONG_TAG: Final = re.compile(rf"!\S{{{_LONGEST_TAG}}}")

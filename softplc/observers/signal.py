@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softplc.observers.kernel import Flags
-from softplc.sample import StatusCode
+from softplc.sample import Reason, StatusCode
 from softplc.timing import Scan
 
 if TYPE_CHECKING:
@@ -49,6 +49,16 @@ class Signal:
         self._C = numbers(signals[row].counter for row in self._counted)
         self._zero = numbers(signals[row].counter_at_0 for row in self._counted)
         self._M = numbers(signals[row].modulo for row in self._turning)
+        self._fastest = numbers(signals[row].fastest for row in self._counted)
+        ranges = [specs[row].range for row in self._counted]
+        self._ambiguous: Flags = np.array(  # a range of half a span has room for one turn alone
+            [
+                signals[row].modulo is not None or low_high is None or low_high[1] - low_high[0] > span / 2.0
+                for row, low_high, span in zip(self._counted, ranges, self._C, strict=True)
+            ],
+            np.bool_,
+        )
+        self._doubted: Flags = np.zeros(len(self._counted), np.bool_)
         self._by_counter: Flags = np.isin(self._turning, self._counted)
         self._quantum = numbers(signal.quantum for signal in signals)
         self._dead_band = numbers(signal.dead_band for signal in signals)
@@ -71,6 +81,7 @@ class Signal:
         self._dt, self._old = np.zeros(m), np.zeros(m, np.bool_)
         self._repeated: Flags = np.zeros(m, np.bool_)
         self._new_u = np.zeros(m)
+        self._unseen_turns: Flags = np.zeros(len(self._counted), np.bool_)
         self.anew: Flags | None = None
 
     def adopt(self, other: "Signal", rows: NDArray[np.intp]) -> None:
@@ -79,6 +90,7 @@ class Signal:
         self._u[:], self._z[:], self._passed[:] = other._u[at], other._z[at], other._passed[at]
         self._start[:], self._arrival[:], self._stamp[:] = other._start[at], other._arrival[at], other._stamp[at]
         self._speeds[:], self._v[:] = other._speeds[:, at], other._v[at]
+        self._doubted[:] = other._doubted[np.searchsorted(other._counted, at[self._counted])]
 
     def unwrap(self, scan: Scan, samples: "Judgement", unseen: _Numbers) -> _Numbers:
         """Positions in place of what was read, into `samples.z`; returns [n] what the range is to be judged of.
@@ -95,6 +107,7 @@ class Signal:
         moved = np.where(self._old, 0.0, self._v * self._dt)
         u, c, t = read, self._counted, self._turning
         if len(c):
+            self._out_of_sight(scan, c)
             counts = np.abs(read[c] - self._zero) <= self._C
             read[c] = np.where(counts, read[c], np.nan)  # no counter of that span shows it
             u = read.copy()
@@ -111,6 +124,21 @@ class Signal:
         judged = samples.z.copy()
         judged[self._rows[t]] = read[t]
         return judged
+
+    def _out_of_sight(self, scan: Scan, c: NDArray[np.intp]) -> None:
+        """Notes the counters that may have moved half a span since their last used sample, for longer than a gap."""
+        waited = scan.start - self._start[c]
+        far = waited * self._fastest >= self._C / 2.0
+        self._unseen_turns = far & self._ambiguous & (waited - scan.period > self._reinit_after[c])
+
+    def _tell_doubt(self, samples: "Judgement") -> None:
+        """Which turn it is nobody knows any more, until Reset or homing says where the axis is."""
+        rows = self._rows[self._counted]
+        self._doubted |= self._unseen_turns & samples.usable[rows]
+        if self._doubted.any():
+            told = rows[self._doubted]
+            told = told[samples.usable[told] & (samples.reason[told] == Reason.NONE)]
+            samples.status[told], samples.reason[told] = StatusCode.UNCERTAIN_SUB_NORMAL, Reason.TURNS_UNKNOWN
 
     def _measure(self, scan: Scan, samples: "Judgement", unseen: _Numbers) -> None:
         """Time since the last used sample, by the axis' own kind of clock; whether this is that sample again."""
@@ -173,6 +201,8 @@ class Signal:
         """Remember the samples that are used, and pass on into `samples.z` what the observer is to see of them."""
         rows = self._rows
         z, used = samples.z[rows], samples.usable[rows]
+        if len(self._counted):
+            self._tell_doubt(samples)
         if self._wraps:
             self._follow(z, used & ~self._repeated)
         self._pass_on(samples, z, used)
@@ -224,6 +254,8 @@ class Signal:
         self._v[which] = 0.0
         self._in_a_row[which] = 0
         self._old[which] = True
+        self._doubted[which[self._counted]] = False
+        self._unseen_turns[which[self._counted]] = False
 
 
 def _whole(turns: _Numbers) -> _Numbers:

@@ -1,5 +1,6 @@
 """What is done with a measurement before it becomes one: the axis block `signal`."""
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal, Self
 
@@ -9,6 +10,7 @@ from softplc.model import Model
 
 Positive = Annotated[float, Field(gt=0, le=1e15, json_schema_extra={"x-unit": "unit"})]
 MOST_IN_A_ROW: Final = 3
+FASTEST_COUNT: Final = 1e6  # counts a second that no axis exceeds, where nothing is said of its speed
 
 
 class Signal(Model):
@@ -48,6 +50,7 @@ class Signal(Model):
         return SignalSpec(
             counter=None if self.counter_bits is None else 2.0**self.counter_bits * abs(scale),
             counter_at_0=offset,
+            fastest=self.max_rate or FASTEST_COUNT * abs(scale),
             modulo=self.modulo,
             quantum=self.quantum or 0.0,
             dead_band=self.dead_band or 0.0,
@@ -61,12 +64,13 @@ class SignalSpec:
     """Conditioning of one axis' measurement, in the axis' unit.
 
     `counter`: span after which the input's counter is where it was, `counter_at_0`: what is read at count 0;
-    `modulo`: one turn. `quantum` and `dead_band`
-    are 0 for none. `max_rate` in unit/s, `max_rate_samples` rejected in a row before the next one starts anew.
+    `fastest`: what the axis cannot exceed, unit/s, to tell whether it may have rolled over unseen. `modulo`: one turn.
+    `quantum` and `dead_band` are 0 for none. `max_rate` in unit/s, `max_rate_samples` rejected in a row before the next one starts anew.
     """
 
     counter: float | None = None
     counter_at_0: float = 0.0
+    fastest: float = math.inf
     modulo: float | None = None
     quantum: float = 0.0
     dead_band: float = 0.0

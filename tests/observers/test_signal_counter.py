@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from softplc.observers.axes import AxisSpec
 from softplc.observers.finite_difference import FiniteDifferenceConfig
-from softplc.observers.signal_config import SignalSpec
+from softplc.observers.signal_config import Signal, SignalSpec
 from softplc.sample import Reason, StatusCode
 from tests.observers.rig import CONFIG, Rig, make_rig
 
@@ -177,3 +177,36 @@ def test_a_counter_whose_tag_has_an_offset_is_followed_over_its_whole_span():
         assert own.outcome()[0] < StatusCode.BAD
         assert own.outcome()[1] in (Reason.NONE, Reason.INITIALISING)
     assert own.get("Position") == pytest.approx(5.0 * 299 - 1000.0, abs=0.01)
+
+
+SIXTEEN = Signal(counter_bits=16).spec(0.01)
+
+
+@pytest.mark.parametrize(
+    ("signal", "spec", "told"),
+    [
+        (SIXTEEN, {}, Reason.TURNS_UNKNOWN),
+        (SIXTEEN, {"range": (0.0, 900.0)}, Reason.TURNS_UNKNOWN),
+        (SIXTEEN, {"range": (200.0, 500.0)}, Reason.NONE),  # room for one turn alone
+        (Signal(counter_bits=16, max_rate=50.0).spec(0.01), {}, Reason.NONE),  # 250 mm in 5 s, half a span is 328
+        (Signal(counter_bits=16, max_rate=80.0).spec(0.01), {}, Reason.TURNS_UNKNOWN),
+        (Signal(counter_bits=32).spec(0.01), {}, Reason.NONE),  # 2³¹ counts in 5 s are no axis
+    ],
+)
+def test_a_counter_that_may_have_rolled_over_during_an_outage_is_not_good_until_reset(signal, spec, told):
+    own = rig(signal=signal, enable_writable=True, **spec)
+    for _ in range(20):
+        own.scan(counter(300.0))
+    assert own.outcome() == (StatusCode.GOOD, Reason.NONE)
+    for _ in range(100):
+        own.fail(StatusCode.BAD_NO_COMMUNICATION)
+    for _ in range(20):
+        own.scan(counter(310.0))
+    assert own.get("Position") == pytest.approx(310.0, abs=0.1)
+    status = StatusCode.GOOD if told is Reason.NONE else StatusCode.UNCERTAIN_SUB_NORMAL
+    assert own.outcome() == (status, told)
+
+    own.observer.command(own.table.index("A0.Reset"), 1.0)
+    for _ in range(5):
+        own.scan(counter(310.0))
+    assert own.outcome() == (StatusCode.GOOD, Reason.NONE)
