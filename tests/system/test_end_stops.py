@@ -7,34 +7,16 @@ import pytest
 from pymodbus.client import ModbusTcpClient
 
 from softplc.publishers.modbus.offsets import AXIS
-from tests.support.network import free_port
-from tests.support.program import ROOT, Program
+from tests.support.shipped import beside_its_plc
 
 AXES = {"Slide": 3000, "Ball": 3064, "Blind": 3128}
-_PORTS = ("4841", "5021", "4840", "5020")  # as the shipped files have them; the last two are the defaults
 
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ModbusTcpClient]:
     """A client of our Modbus publisher."""
-    folder, ports = tmp_path_factory.mktemp("stops"), {port: str(free_port()) for port in _PORTS}
-    for name in ("end_stops_plc.yaml", "end_stops.yaml"):
-        text = (ROOT / "config" / name).read_text(encoding="utf-8")
-        text = text.replace("type: opcua }\n", "type: opcua, port: 4840 }\n")
-        text = text.replace("type: modbus }\n", "type: modbus, port: 5020 }\n")
-        for port, free in ports.items():
-            text = text.replace(port, free)
-        (folder / name).write_text(text, encoding="utf-8")
-    with (
-        Program("emulate", "end_stops_plc.yaml", "--json", cwd=folder) as plc,
-        Program("run", "end_stops.yaml", "--json", cwd=folder) as program,
-    ):
-        plc.ready(90.0)
-        program.ready(90.0)
-        client = ModbusTcpClient("127.0.0.1", port=int(ports["5020"]))
-        assert client.connect()
+    with beside_its_plc(tmp_path_factory.mktemp("stops"), "end_stops") as client:
         yield client
-        client.close()
 
 
 def value(client: ModbusTcpClient, axis: str, leaf: str) -> float:

@@ -9,8 +9,7 @@ import pytest
 from pymodbus.client import ModbusTcpClient
 
 from softplc.publishers.modbus.offsets import AXIS
-from tests.support.network import free_port
-from tests.support.program import ROOT, Program
+from tests.support.shipped import beside_its_plc
 
 AXES = {"Slide": 3000, "Table": 3064}
 WRAPS = 3  # of each direction
@@ -19,25 +18,8 @@ WRAPS = 3  # of each direction
 @pytest.fixture(scope="module")
 def own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ModbusTcpClient]:
     """A client of our Modbus publisher."""
-    folder = tmp_path_factory.mktemp("signal")
-    ports = {port: str(free_port()) for port in ("5021", "4840", "5020")}
-    for name in ("signal_plc.yaml", "signal.yaml"):
-        text = (ROOT / "config" / name).read_text(encoding="utf-8")
-        text = text.replace("type: opcua }\n", "type: opcua, port: 4840 }\n")
-        text = text.replace("type: modbus }\n", "type: modbus, port: 5020 }\n")
-        for port, free in ports.items():
-            text = text.replace(port, free)
-        (folder / name).write_text(text, encoding="utf-8")
-    with (
-        Program("emulate", "signal_plc.yaml", "--json", cwd=folder) as plc,
-        Program("run", "signal.yaml", "--json", cwd=folder) as program,
-    ):
-        plc.ready(90.0)
-        program.ready(90.0)
-        client = ModbusTcpClient("127.0.0.1", port=int(ports["5020"]))
-        assert client.connect()
+    with beside_its_plc(tmp_path_factory.mktemp("signal"), "signal") as client:
         yield client
-        client.close()
 
 
 def seen(client: ModbusTcpClient, axis: str) -> tuple[float, float, float, bool]:

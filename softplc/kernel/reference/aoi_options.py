@@ -149,26 +149,8 @@ def _aoi(  # noqa: PLR0912, PLR0915  # it is one block of text
         if dt_s > 0.0:
             x_pred = x_pred + dt_s * x_dot_pred
 
-            x_cov0 = (P0 + dt_s * P2) + dt_s * (P1 + dt_s * P3)
-            x_cov1 = P1 + dt_s * P3
-            x_cov2 = P2 + dt_s * P3
-            x_cov3 = P3
-
-            # Process noise: per scan, by powers of the time step, or of white acceleration.
-            if options.white_accel:
-                once = q_x_dot * dt_s
-                twice = once * dt_s
-                x_cov0 = x_cov0 + (q_x * dt_s + (twice * dt_s) / 3.0)
-                x_cov1 = x_cov1 + twice / 2.0
-                x_cov2 = x_cov2 + twice / 2.0
-                x_cov3 = x_cov3 + once
-            else:
-                x_cov0 = x_cov0 + q_x * _power(dt_s, options.q_exponents[0])
-                x_cov3 = x_cov3 + q_x_dot * _power(dt_s, options.q_exponents[1])
-
-            # Measurement noise: per sample or by density, never below its floor.
-            R = r_x / dt_s if options.r_density else r_x
-            R = max(R, real(options.min_r))
+            x_cov0, x_cov1, x_cov2, x_cov3 = predicted_covariance((P0, P1, P2, P3), q_x, q_x_dot, dt_s, options)
+            R = measurement_noise(r_x, dt_s, options, real)
 
             y_res = x - x_pred
             S = x_cov0 + R
@@ -223,6 +205,27 @@ def _aoi(  # noqa: PLR0912, PLR0915  # it is one block of text
 
     after = AoiState(init, dt_s, x_pred, x_dot_pred, (P0, P1, P2, P3), K0, K1, S, y_res, y, y_dot)
     return after, result
+
+
+def predicted_covariance(
+    P: tuple[Any, Any, Any, Any], q_x: Any, q_x_dot: Any, dt_s: Any, options: AoiOptions
+) -> tuple[Any, Any, Any, Any]:
+    """(7) to (12): P⁻, with process noise per scan, by powers of the time step, or of white acceleration."""
+    P0, P1, P2, P3 = P
+    x_cov0 = (P0 + dt_s * P2) + dt_s * (P1 + dt_s * P3)
+    x_cov1 = P1 + dt_s * P3
+    x_cov2 = P2 + dt_s * P3
+    if options.white_accel:
+        once = q_x_dot * dt_s
+        twice = once * dt_s
+        return x_cov0 + (q_x * dt_s + (twice * dt_s) / 3.0), x_cov1 + twice / 2.0, x_cov2 + twice / 2.0, P3 + once
+    noise0 = q_x * _power(dt_s, options.q_exponents[0])
+    return x_cov0 + noise0, x_cov1, x_cov2, P3 + q_x_dot * _power(dt_s, options.q_exponents[1])
+
+
+def measurement_noise(r_x: Any, dt_s: Any, options: AoiOptions, real: Any) -> Any:
+    """R, per sample or by density, never below its floor."""
+    return max(r_x / dt_s if options.r_density else r_x, real(options.min_r))
 
 
 def _power(dt_s: Any, exponent: int) -> Any:

@@ -11,12 +11,18 @@ from typing import Any
 
 import numpy as np
 
+from softplc.kernel.reference import cv_accel
 from softplc.kernel.reference.adaptive import AdaptiveInputs, AdaptiveState, carried_on
 from softplc.kernel.reference.alpha_beta import AlphaBetaInputs, AlphaBetaState
 from softplc.kernel.reference.aoi import AoiInputs, AoiState
-from softplc.kernel.reference.aoi_options import AoiOptions, AoiOptionsState, _power
+from softplc.kernel.reference.aoi_options import (
+    AoiOptions,
+    AoiOptionsState,
+    measurement_noise,
+    predicted_covariance,
+)
 from softplc.kernel.reference.covariance import propagate
-from softplc.kernel.reference.cv_accel import CvAccelInputs, CvAccelState, predicted_covariance
+from softplc.kernel.reference.cv_accel import CvAccelInputs, CvAccelState
 from softplc.kernel.reference.ducekf import DucekfInputs, DucekfState, DucekfTuning, Model
 from softplc.kernel.reference.fb_kalman import FbKalmanInputs, FbKalmanState
 
@@ -30,32 +36,17 @@ def aoi_coast(state: AoiState, inputs: AoiInputs, real: Any = np.float64, option
     dt_s = dt / 1000.0
     if not state.init or not dt_s > 0.0:
         return state
-    P0, P1, P2, P3 = state.P
     x_pred = state.x_pred + dt_s * state.x_dot_pred
-
-    x_cov0 = (P0 + dt_s * P2) + dt_s * (P1 + dt_s * P3)
-    x_cov1 = P1 + dt_s * P3
-    x_cov2 = P2 + dt_s * P3
-    if options.white_accel:
-        once = q_x_dot * dt_s
-        twice = once * dt_s
-        x_cov0 = x_cov0 + (q_x * dt_s + (twice * dt_s) / 3.0)
-        x_cov1 = x_cov1 + twice / 2.0
-        x_cov2 = x_cov2 + twice / 2.0
-        x_cov3 = P3 + once
-    else:
-        x_cov0 = x_cov0 + q_x * _power(dt_s, options.q_exponents[0])
-        x_cov3 = P3 + q_x_dot * _power(dt_s, options.q_exponents[1])
-
-    R = max(r_x / dt_s if options.r_density else r_x, real(options.min_r))
+    P = predicted_covariance(state.P, q_x, q_x_dot, dt_s, options)
+    R = measurement_noise(r_x, dt_s, options, real)
     return replace(
         state,
         dt_s=dt_s,
         x_pred=x_pred,
-        P=(x_cov0, x_cov1, x_cov2, x_cov3),
+        P=P,
         K0=0.0,
         K1=0.0,
-        S=x_cov0 + R,
+        S=P[0] + R,
         y_res=0.0,
         y=x_pred,
         y_dot=state.x_dot_pred,
@@ -98,7 +89,7 @@ def cv_accel_coast(state: CvAccelState, inputs: CvAccelInputs) -> CvAccelState:
     x_pred = state.x_pred + dt * state.x_dot_pred + h * state.x_ddot_pred
     x_dot_pred = state.x_dot_pred + dt * state.x_ddot_pred
     P = (state.P00, state.P01, state.P02, state.P11, state.P12, state.P22)
-    P00, P01, P02, P11, P12, P22 = predicted_covariance(P, inputs, dt, h)
+    P00, P01, P02, P11, P12, P22 = cv_accel.predicted_covariance(P, inputs, dt, h)
     return replace(
         state,
         x_pred=x_pred,
