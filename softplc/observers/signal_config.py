@@ -63,9 +63,10 @@ class Signal(Model):
 class SignalSpec:
     """Conditioning of one axis' measurement, in the axis' unit.
 
-    `counter`: span after which the input's counter is where it was, `counter_at_0`: what is read at count 0;
-    `fastest`: what the axis cannot exceed, unit/s, to tell whether it may have rolled over unseen. `modulo`: one turn.
-    `quantum` and `dead_band` are 0 for none. `max_rate` in unit/s, `max_rate_samples` rejected in a row before the next one starts anew.
+    `counter`: span after which the input's counter is where it was; `counter_at_0`: what is read at count 0;
+    `fastest`: what the axis cannot exceed, unit/s, to tell whether its counter may have rolled over unseen.
+    `modulo`: one turn. `quantum` and `dead_band`: 0 for none. `max_rate` in unit/s; after `max_rate_samples`
+    rejected in a row the next sample starts anew.
     """
 
     counter: float | None = None

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 import pytest_asyncio
-from asyncua import Client, ua
+from asyncua import Client, Node, ua
 
 from softplc.publishers.modbus.offsets import AXIS
 from softplc.sample import StatusCode
@@ -47,7 +47,7 @@ class Plant:
         self.program, self.opcua, self.port, self.manager = program, opcua, port, manager
 
     async def registers(self, first: int, count: int = 1) -> tuple[int, ...]:
-        """Input registers; zeros while the server cannot be reached."""
+        """Input registers; none while the server cannot be reached."""
         try:
             async with asyncio.timeout(2):
                 reader, writer = await asyncio.open_connection("127.0.0.1", self.port)
@@ -57,7 +57,7 @@ class Plant:
                 finally:
                     writer.close()
         except (OSError, EOFError, TimeoutError):
-            return (0,) * count
+            return ()
         return struct.unpack(f">{count}H", reply[9:])
 
     async def until(self, address: int, wanted: int) -> None:
@@ -82,6 +82,12 @@ class Plant:
                 count += self.manager.recv(4096) == b"WATCHDOG=1"
             except BlockingIOError:
                 return count
+
+
+async def until_bad(node: Node) -> None:
+    async with asyncio.timeout(60):
+        while (await node.read_data_value(raise_on_bad_status=False)).StatusCode.is_good():
+            await asyncio.sleep(0.01)
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
@@ -140,6 +146,7 @@ async def test_a_stuck_scan_process_is_bad_takes_no_writes_starves_the_watchdog_
         scan = plant.program.children()["scan"]
         os.kill(scan, signal.SIGSTOP)
         await plant.until(ALIVE, 0)
+        await until_bad(nodes[-1])  # each server looks at the scans by itself, in its own turn
         plant.fed()
         values = [await node.read_data_value(raise_on_bad_status=False) for node in nodes]
         assert {value.StatusCode.value for value in values} == {StatusCode.BAD_NO_COMMUNICATION}
