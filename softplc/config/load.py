@@ -13,6 +13,7 @@ from pydantic import BaseModel
 
 from softplc.config import checks, syntax, words
 from softplc.config.expand import expand
+from softplc.config.mistaken import mistaken
 from softplc.config.models import Config
 from softplc.config.problem import Problem, report
 from softplc.config.schema import schema
@@ -35,7 +36,10 @@ def load_model(path: Path | str, model: type[M]) -> M:
     if text is not None:
         document = syntax.read(text)
         problems += document.problems
-        if document.root is not None:
+        other_kind = document.root and mistaken(document.root, model)
+        if other_kind:
+            problems = [other_kind]
+        elif document.root is not None:
             expansion = expand(document.root, Path(path).parent)
             made, wrong = validate(document.root, model, expansion)
             if issubclass(model, Config):

@@ -6,6 +6,7 @@ import pytest
 
 from softplc.config.load import load, load_model
 from softplc.config.source_text import MOST_BYTES
+from softplc.emulator.scenario import Scenario
 from softplc.errors import ConfigError
 from softplc.model import Model
 
@@ -108,6 +109,19 @@ def test_columns_count_characters(tmp_path: Path) -> None:
     assert [line.partition(",")[0] for line in report(written(tmp_path, text.encode()))] == [
         "x.yaml:7:27: axes[0].observer.µµµ: unknown key"
     ]
+
+
+def test_an_emulated_plc_is_told_from_a_configuration(tmp_path: Path) -> None:
+    plc = "axes:\n  - name: AxisX\n    motion: {type: constant}\nmodbus: {port: 5021}\n"
+
+    assert report(written(tmp_path, plc.encode())) == [
+        "x.yaml:1:1: (file): this is an emulated PLC, for softplc emulate; "
+        "expected a configuration: sources, axes, publishers"
+    ]
+    with pytest.raises(ConfigError) as raised:
+        load_model(written(tmp_path, GOOD.encode()), Scenario)
+    (line,) = raised.value.lines
+    assert "this is a configuration, for softplc run; expected an emulated PLC" in line
 
 
 def test_json_is_read_as_well(tmp_path: Path) -> None:
