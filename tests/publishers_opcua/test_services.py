@@ -47,7 +47,7 @@ async def test_a_subscription_that_is_gone_leaves_no_logger_behind(quiet: Served
         for _ in range(10):
             await (await subscribed(client)).delete()
 
-        assert before == loggers()
+        assert loggers() <= before  # those of earlier connections may go meanwhile
 
 
 async def test_a_session_cannot_touch_anothers_subscription(quiet: Served) -> None:
