@@ -10,7 +10,6 @@ keeps, and a ring that makes no sense is refused as a whole. The supervisor look
 """
 
 import threading
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from softplc.clock import Clock
 from softplc.sample import StatusCode
+from softplc.snapshot import Sheets, Snapshot
 from softplc.tags import Image, TagTable
 from softplc.timing import Scan
 
@@ -26,22 +26,6 @@ DEAD_AFTER_PERIODS: Final = 3.0  # a task that does not scan for so long is dead
 DEAD_AFTER_AT_LEAST: Final = 0.25  # seconds; a shared machine may pause a process for some tens of ms
 _MAGIC: Final = 0x534F4654504C4301
 _READ_TRIES: Final = 64
-
-
-@dataclass(frozen=True, slots=True)
-class Snapshot:
-    """The newest finished scans as the gateway sees them; arrays run over all tags and are read-only.
-
-    `scans` has each section's newest scan, None before the first; `alive` is False where the task stopped
-    scanning: its tags are then NaN and BadNoCommunication. `version` grows when anything changed.
-    """
-
-    version: int
-    values: NDArray[np.float64]
-    statuses: NDArray[np.uint32]
-    source_timestamps: NDArray[np.int64]
-    scans: tuple[Scan | None, ...]
-    alive: tuple[bool, ...]
 
 
 def size(table: TagTable) -> int:
@@ -178,26 +162,23 @@ class Reader:
         self._sequences = [0] * len(table.sections)
         self._alive = [False] * len(table.sections)
         self._scans: list[Scan | None] = [None] * len(table.sections)
-        self._image = Image(len(table))
+        self._sheets = Sheets(table)
         self._snapshot: Snapshot | None = None
 
     def snapshot(self) -> Snapshot:
-        """The newest consistent state of every section; the same object as before when nothing changed."""
-        changed = False
+        """The newest consistent state of every section; the same object as before when nothing changed.
+
+        What changed is copied once, out of the shared memory into arrays that nobody holds any more.
+        """
+        changed = self._snapshot is None
         now = self.clock.monotonic()
         for section, (_, start, stop) in enumerate(self.table.sections):
             taken = self._take(section, start, stop)
             changed |= self._judge(section, start, stop, now, taken) or taken
         if changed or self._snapshot is None:
             version = self._snapshot.version + 1 if self._snapshot else 1
-            self._snapshot = Snapshot(
-                version,
-                _frozen(self._image.values),
-                _frozen(self._image.statuses),
-                _frozen(self._image.source_timestamps),
-                tuple(self._scans),
-                tuple(self._alive),
-            )
+            arrays = self._sheets.newest().frozen()
+            self._snapshot = Snapshot(version, *arrays, tuple(self._scans), tuple(self._alive))
         return self._snapshot
 
     def command(self, index: int, value: float) -> bool:
@@ -229,17 +210,16 @@ class Reader:
                 return False
             if before % 2:
                 continue
+            sheet = self._sheets.fill(section)
             memory.fence()
-            values = memory.values[start:stop].copy()
-            statuses = memory.statuses[start:stop].copy()
-            stamps = memory.source_timestamps[start:stop].copy()
+            sheet.values[start:stop] = memory.values[start:stop]
+            sheet.statuses[start:stop] = memory.statuses[start:stop]
+            sheet.source_timestamps[start:stop] = memory.source_timestamps[start:stop]
             _, number, timestamp, overruns = (int(field) for field in record)
             begun, dt, period = (float(field) for field in memory.seconds[section])
             memory.fence()
             if int(record[0]) == before:
-                self._image.values[start:stop] = values
-                self._image.statuses[start:stop] = statuses
-                self._image.source_timestamps[start:stop] = stamps
+                self._sheets.filled(section)
                 self._scans[section] = Scan(number, begun, timestamp, dt, period, overruns)
                 self._sequences[section] = before
                 return True
@@ -255,7 +235,10 @@ class Reader:
         changed = alive != self._alive[section]
         self._alive[section] = alive
         if not alive and (changed or taken):  # what a dead task left behind is old the moment it is taken
-            self._image.fail(StatusCode.BAD_NO_COMMUNICATION, slice(start, stop))
+            sheet = self._sheets.change(section)
+            sheet.values[start:stop] = np.nan
+            sheet.statuses[start:stop] = StatusCode.BAD_NO_COMMUNICATION
+            self._sheets.filled(section)
         return changed
 
 
@@ -272,9 +255,3 @@ class Pulse:
     def gateway(self) -> int:
         """Moves with every beat of the gateway."""
         return int(self._memory.header[_BEATS])
-
-
-def _frozen(array: NDArray[Any]) -> NDArray[Any]:
-    copy = array.copy()
-    copy.flags.writeable = False
-    return copy

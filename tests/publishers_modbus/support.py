@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from softplc.clock import Clock, VirtualClock
-from softplc.exchange import Reader, Snapshot, Writer, size
+from softplc.exchange import Reader, Writer, size
 from softplc.observers.aoi import AoiConfig
 from softplc.observers.axes import AxisSpec, axis_tags
 from softplc.publishers.modbus.config import ModbusPublisher
 from softplc.publishers.modbus.rows import Origin, RegisterMap, RegisterType
 from softplc.publishers.modbus.server import ModbusServer
 from softplc.scan import source_tags, task_tags
+from softplc.snapshot import Snapshot
 from softplc.tags import DataType, Image, TagTable
 from tests.support.exchange import AXES, OBSERVER, Exchange
 

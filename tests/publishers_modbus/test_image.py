@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from softplc.clock import VirtualClock
-from softplc.exchange import Reader, Snapshot, Writer, size
+from softplc.exchange import Reader, Writer, size
 from softplc.publishers.modbus.image import RegisterImage
 from softplc.publishers.modbus.layout import layout
 from softplc.publishers.modbus.rows import BadValues, ByteOrder
 from softplc.sample import AxisState, Reason, StatusCode
+from softplc.snapshot import Snapshot
 from softplc.tags import DataType, Image, Tag, TagTable
 from softplc.timing import Scan
 from tests.publishers_modbus.support import assert_equal, decode, expected, full_exchange, full_table

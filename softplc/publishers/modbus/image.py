@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from softplc.exchange import Snapshot
 from softplc.publishers.modbus.rows import BadValues, ByteOrder, Origin, RegisterMap, RegisterType, Row
 from softplc.sample import AxisState, Quality, Reason, StatusCode
+from softplc.snapshot import Snapshot
 
 _UNKNOWN_AGE: Final = 65535.0
 

@@ -13,8 +13,8 @@ import numpy as np
 from asyncua import ua
 from numpy.typing import NDArray
 
-from softplc.exchange import Snapshot
 from softplc.sample import StatusCode
+from softplc.snapshot import Snapshot
 from softplc.tags import NO_TIMESTAMP, DataType, TagTable
 
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)

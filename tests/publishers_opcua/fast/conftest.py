@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from softplc.exchange import Snapshot
 from softplc.publishers.opcua.values import TagValues
+from softplc.snapshot import Snapshot
 from softplc.tags import DataType, Tag, TagTable
 
 TYPES = tuple(DataType)

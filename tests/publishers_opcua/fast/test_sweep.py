@@ -7,13 +7,13 @@ from asyncua.ua.ua_binary import struct_to_binary
 from hypothesis import given
 from hypothesis import strategies as st
 
-from softplc.exchange import Snapshot
 from softplc.publishers.opcua.fast.items import data_change
 from softplc.publishers.opcua.fast.queue import ENTRY, Queue, keep
 from softplc.publishers.opcua.fast.sweep import NO_BAND, Sweep, Terms
 from softplc.publishers.opcua.hardened.subscriptions import reportable
 from softplc.publishers.opcua.values import TagValues, Watch
 from softplc.sample import StatusCode
+from softplc.snapshot import Snapshot
 from softplc.tags import DataType
 from tests.publishers_opcua.fast.conftest import TYPES, Sampled, served
 
