@@ -74,7 +74,7 @@ async def source(port: int, n: int) -> None:
 
     running = [asyncio.create_task(plant())]
     await server.open()
-    running.append(asyncio.create_task(Feed("opcua", server, clock, PERIOD).run()))
+    running.append(asyncio.create_task(Feed("opcua", server, clock, PERIOD, clock.monotonic()).run()))
     print("ready", flush=True)
     await asyncio.to_thread(sys.stdin.read)
     for task in running:

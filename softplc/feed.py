@@ -1,4 +1,4 @@
-"""A feed hosts one publisher in the gateway: newest snapshot only, on its own grid, never delaying anyone."""
+"""A feed hosts one publisher in the gateway: newest snapshot only, at its own interval, never delaying anyone."""
 
 import structlog
 
@@ -10,19 +10,22 @@ log = structlog.get_logger(__name__)
 
 
 class Feed:
-    """Calls one publisher at its interval; slots that it misses are dropped and counted."""
+    """Calls one publisher at `start` + k·`interval` (monotonic s); slots that it misses are dropped and counted.
 
-    def __init__(self, name: str, publisher: Publisher, clock: Clock, interval: float) -> None:
+    Feeds with one start and interval have their turns one right after the other: what one of them tells its clients
+    of a task that died, the other does too.
+    """
+
+    def __init__(self, name: str, publisher: Publisher, clock: Clock, interval: float, start: float) -> None:
         self.name = name
         self.dropped = 0
         self.errors = 0
-        self._publisher, self._clock, self._interval = publisher, clock, interval
+        self._publisher, self._clock, self._interval, self._start = publisher, clock, interval, start
 
     async def run(self) -> None:
         """Publish until cancelled. A publisher's failure is logged once for each new text, and tried again."""
-        start = self._clock.monotonic()
         slot, told = 0, ""
-        deadline = start
+        deadline = self._start
         while True:
             await self._clock.sleep_until(deadline)
             try:
@@ -33,5 +36,5 @@ class Feed:
                     told = repr(error)
                     log.exception("publisher failed", publisher=self.name)
             previous = slot
-            deadline, slot = next_deadline(start, self._interval, self._clock.monotonic())
+            deadline, slot = next_deadline(self._start, self._interval, self._clock.monotonic())
             self.dropped += slot - previous - 1

@@ -16,6 +16,7 @@ from softplc.clock import SystemClock
 from softplc.config.models import Config
 from softplc.exchange import Reader
 from softplc.feed import Feed
+from softplc.interfaces import Publisher
 
 _BEAT = 0.5  # seconds between two signs of life for the supervisor
 _FASTEST = 0.02  # seconds; nobody looks more often, and a feed costs CPU
@@ -34,15 +35,20 @@ async def _serve(config: Config, buffer: Any, connection: "Connection[Any, Any]"
     clock = SystemClock()
     reader = Reader(buffer, build_layout(config).table, clock)
     endpoints = []
-    feeds = []
+    publishers: list[tuple[Any, Publisher]] = []
     async with AsyncExitStack() as stack:
         stack.callback(clock.close)
         for settings in config.publishers:
             publisher = settings.build(reader)
             endpoints.append((settings.type, await publisher.open()))
             stack.push_async_callback(publisher.close)
-            feeds.append(Feed(settings.type, publisher, clock, _interval(config, settings)))
+            publishers.append((settings, publisher))
         freeze_garbage()
+        start = clock.monotonic()
+        feeds = [
+            Feed(settings.type, publisher, clock, _interval(config, settings), start)
+            for settings, publisher in publishers
+        ]
         connection.send(("ready", endpoints))
         async with asyncio.TaskGroup() as group:
             running = [group.create_task(feed.run(), name=feed.name) for feed in feeds]
