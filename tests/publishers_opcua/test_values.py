@@ -7,7 +7,7 @@ import pytest
 from asyncua import ua
 
 from softplc.clock import VirtualClock
-from softplc.publishers.opcua.hardened.subscriptions import reportable
+from softplc.publishers.opcua.hardened.filters import reportable
 from softplc.publishers.opcua.values import TagValues, Watch, utc
 from softplc.sample import StatusCode
 from tests.support.exchange import Exchange, make_exchange

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from softplc.publishers.opcua.fast.items import data_change
 from softplc.publishers.opcua.fast.queue import ENTRY, Queue, keep
 from softplc.publishers.opcua.fast.sweep import NO_BAND, Sweep, Terms
-from softplc.publishers.opcua.hardened.subscriptions import reportable
+from softplc.publishers.opcua.hardened.filters import reportable
 from softplc.publishers.opcua.values import TagValues, Watch
 from softplc.sample import StatusCode
 from softplc.snapshot import Snapshot
@@ -183,7 +183,7 @@ def test_a_slot_that_is_free_is_used_again_and_starts_anew() -> None:
     swept = Swept([double(0.0), double(1.0)])
     slot = swept.add(0, size=1)
     swept.sweep.remove(slot)
-    swept.queues[0].drop(np.array([slot], np.int32))
+    swept.queues[0].pull(np.array([slot], np.intp))
 
     assert slot == swept.add(1)
     assert swept.take() == [(slot, 1.0)]
@@ -203,8 +203,8 @@ def test_more_items_than_there_was_room_for() -> None:
 def test_an_item_that_is_disabled_keeps_still(active: bool) -> None:
     swept = Swept([double(0.0)])
     slot = swept.add(0)
-    swept.sweep.activate(slot, active)
+    swept.sweep.set_mode(np.array([slot]), swept.numbers[0], active=active)
 
     swept.scan([double(1.0)])
 
-    assert len(swept.take()) == 1 + active
+    assert len(swept.take()) == 2 * active  # one that is disabled forgets what it had to say

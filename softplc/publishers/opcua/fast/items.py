@@ -8,10 +8,11 @@ from asyncua import ua
 from asyncua.server.internal_subscription import InternalSubscription
 from asyncua.ua.ua_binary import struct_to_binary
 
-from softplc.publishers.opcua.fast.encoding import BOTH, LARGEST, encode
+from softplc.publishers.opcua.fast.encoding import LARGEST, encode
 from softplc.publishers.opcua.fast.queue import Entries, Queue
 from softplc.publishers.opcua.fast.sweep import NO_BAND, Sweep, Terms
-from softplc.publishers.opcua.hardened.subscriptions import MonitoredItems, Sampling, present, wants_stamps
+from softplc.publishers.opcua.hardened.filters import present, wants_stamps
+from softplc.publishers.opcua.hardened.subscriptions import MonitoredItems, Sampling
 from softplc.publishers.opcua.values import Watch
 
 _TYPE: Final = ua.FourByteNodeId(ua.ObjectIds.DataChangeNotification_Encoding_DefaultBinary)
@@ -65,8 +66,9 @@ class SweptItems(MonitoredItems):
         self.sweep = sweep
         self._queue = Queue()
         self._number = sweep.open(self._queue)
+        self._silent = Queue()  # of items that are only sampled: what they will report
+        self._silent_number = sweep.open(self._silent)
         self._slots: dict[int, int] = {}
-        self._stamps = BOTH
         self._look_at: list[int] = []
         self._gone: list[int] = []
 
@@ -81,26 +83,27 @@ class SweptItems(MonitoredItems):
 
     async def create_monitored_items(self, params: Any) -> list[Any]:
         """CreateMonitoredItems; each new item reports at once."""
-        self._stamps = _stamps(params.TimestampsToReturn)
         results = await super().create_monitored_items(params)
         self._look()
         return list(results)
 
-    def modify_monitored_items(self, params: Any) -> list[Any]:
-        """ModifyMonitoredItems; timestamps too are those that are asked for now."""
-        self._stamps = _stamps(params.TimestampsToReturn)
-        return list(super().modify_monitored_items(params))
-
     async def set_monitoring_mode(self, mode: Any, ids: Sequence[int]) -> list[Any]:
-        """SetMonitoringMode; an item that was disabled reports what it missed at last."""
+        """SetMonitoringMode; an item that was disabled reports at once."""
         results = await super().set_monitoring_mode(mode, ids)
+        if self._look_at:
+            which = np.unique(np.array(self._look_at, np.intp))
+            self.sweep.set_mode(which, self._queue_of(mode), active=_looks(mode))
         self._look()
         return list(results)
+
+    def _queue_of(self, mode: Any) -> int:
+        return self._silent_number if mode == ua.MonitoringMode.Sampling else self._number
 
     def delete_monitored_items(self, ids: Sequence[int]) -> list[Any]:
         """DeleteMonitoredItems, and what they had to say."""
         results = super().delete_monitored_items(ids)
-        self._queue.drop(np.array(self._gone, np.int32))
+        for queue in (self._queue, self._silent):
+            queue.pull(np.array(self._gone, np.intp))
         self._gone.clear()
         return list(results)
 
@@ -108,6 +111,7 @@ class SweptItems(MonitoredItems):
         """The subscription is gone."""
         super().delete_all_monitored_items()
         self.sweep.close(self._number)
+        self.sweep.close(self._silent_number)
 
     async def _create_data_change_monitored_item(self, params: Any) -> Any:
         what, wanted = params.ItemToMonitor, params.RequestedParameters
@@ -116,14 +120,14 @@ class SweptItems(MonitoredItems):
         if index is None or not value or what.IndexRange or what.DataEncoding.Name:
             return await super()._create_data_change_monitored_item(params)
         wanted.Filter = present(wanted.Filter)
-        status = self._filter_status(wanted.Filter, what.NodeId)
+        status = self._filter_status(wanted.Filter, what)
         if status:
             return ua.MonitoredItemCreateResult(ua.StatusCode(status))
         result, item = self._make_monitored_item_common(params)
         self._commit_monitored_item(result, item)
         terms, result.RevisedSamplingInterval = self._terms(item, wanted, index)
-        active = item.mode != ua.MonitoringMode.Disabled
-        slot = self._slots[item.monitored_item_id] = self.sweep.add(index, self._number, terms, active=active)
+        queue = self._queue_of(item.mode)
+        slot = self._slots[item.monitored_item_id] = self.sweep.add(index, queue, terms, active=_looks(item.mode))
         self._look_at.append(slot)
         return result
 
@@ -133,7 +137,7 @@ class SweptItems(MonitoredItems):
             return super()._modify_monitored_item(params)
         item, wanted = self._monitored_items[params.MonitoredItemId], params.RequestedParameters
         wanted.Filter = present(wanted.Filter)
-        status = self._filter_status(wanted.Filter, item.read_value_id.NodeId)
+        status = self._filter_status(wanted.Filter, item.read_value_id)
         if status:
             return ua.MonitoredItemModifyResult(ua.StatusCode(status))
         item.filter, item.client_handle = wanted.Filter, wanted.ClientHandle
@@ -151,7 +155,6 @@ class SweptItems(MonitoredItems):
         if slot is None:
             return await super()._set_monitoring_mode(mode, mid)
         self._monitored_items[mid].mode = mode
-        self.sweep.activate(slot, mode != ua.MonitoringMode.Disabled)
         self._look_at.append(slot)
         return ua.StatusCode()
 
@@ -176,7 +179,7 @@ class SweptItems(MonitoredItems):
                 band *= self._span(item) / 100.0
         terms = Terms(
             handle=item.client_handle,
-            stamps=self._stamps,
+            stamps=int(self._stamps),
             valued=flt is None or flt.Trigger != ua.DataChangeTrigger.Status,
             stamped=wants_stamps(flt) and band == NO_BAND,
             band=band,
@@ -200,5 +203,5 @@ def data_change(entries: Entries) -> bytes:
     return len(entries).to_bytes(_COUNT, "little") + items + _NO_DIAGNOSTICS
 
 
-def _stamps(wanted: Any) -> int:
-    return int(wanted) if 0 <= wanted <= 3 else BOTH
+def _looks(mode: Any) -> bool:
+    return bool(mode != ua.MonitoringMode.Disabled)

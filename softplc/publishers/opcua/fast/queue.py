@@ -52,11 +52,18 @@ class Queue:
         self._trim_at = _TRIMMED_FROM
         return whole[:most]
 
-    def drop(self, slots: NDArray[np.int32]) -> None:
-        """The items of these slots are gone, and what they had to say."""
-        if self._count:
-            whole = self._join()
-            self._set(whole[~np.isin(whole["slot"], slots)])
+    def pull(self, slots: NDArray[np.intp]) -> Entries:
+        """What the items of these slots had to say; it is then gone from here."""
+        if not self._count:
+            return np.empty(0, ENTRY)
+        whole = self._join()
+        which = np.isin(whole["slot"], slots)
+        self._set(whole[~which])
+        return whole[which]
+
+    def overfill(self) -> None:
+        """A slot has more than it keeps from now on."""
+        self._overfull = True
 
     def _trim(self, size: NDArray[np.int32], oldest: NDArray[np.bool_]) -> None:
         self._set(keep(self._join(), size, oldest))

@@ -122,13 +122,27 @@ class Sweep:
         slots.valued[slot], slots.stamped[slot], slots.band[slot] = terms.valued, terms.stamped, terms.band
         slots.size[slot], slots.oldest[slot] = terms.size, terms.oldest
         slots.interval[slot] = terms.interval
+        if slots.pending[slot] > terms.size:
+            self._queues[int(slots.queue[slot])].overfill()
         slots.due[slot] = min(slots.due[slot], self._watch.now + terms.interval)
         self._stamped |= terms.stamped
         self._sampled |= terms.interval > 0.0
 
-    def activate(self, slot: int, active: bool) -> None:
-        """The item looks at its tag from now on, or no more."""
-        self._slots.active[slot] = active
+    def set_mode(self, which: NDArray[np.intp], queue: int, *, active: bool) -> None:
+        """The items in these slots look at their tags, and report to this queue, from now on; or look no more.
+
+        OPC 10000-4, 5.12.1.3: an item that looks no more forgets what it had to say, and reports anew afterwards.
+        """
+        slots = self._slots
+        for number in np.unique(slots.queue[which]).tolist():
+            entries = self._queues[number].pull(which)
+            if active and len(entries):
+                self._put(queue, entries, bool((slots.pending[which] > slots.size[which]).any()))
+        if active:
+            slots.fresh[which] |= ~slots.active[which]
+        else:
+            slots.pending[which] = 0
+        slots.active[which], slots.queue[which] = active, queue
 
     def remove(self, slot: int) -> None:
         """The item is gone."""
