@@ -20,7 +20,7 @@ from contextlib import asynccontextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
-from asyncua import Client, Server, ua
+from asyncua import Client, ua
 from asyncua.ua.ua_binary import struct_to_binary
 
 from softplc.clock import SystemClock
@@ -30,6 +30,7 @@ from softplc.drivers.opcua.driver import OpcUaDriver
 from softplc.drivers.opcua.fast.notification import Changes, read_published
 from softplc.drivers.opcua.fast.seam import decode_message
 from softplc.tags import Image
+from tests.support.doubles import doubles_server
 from tests.support.network import free_port
 
 SECONDS = 4.0
@@ -42,16 +43,7 @@ Read = Callable[[], Awaitable[object]]
 
 async def serve(port: int, count: int) -> None:
     """An asyncua server with so many Doubles ns=1;s=D0 …, until its stdin ends."""
-    server = Server()
-    await server.init()
-    server.set_endpoint(f"opc.tcp://127.0.0.1:{port}")
-    server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
-    for first in range(0, count, 100):
-        axis = await server.nodes.objects.add_object(ua.NodeId(f"A{first}", 1), f"1:A{first}")
-        for number in range(first, min(first + 100, count)):
-            variable = await axis.add_variable(ua.NodeId(f"D{number}", 1), f"1:D{number}", number + 0.5)
-            if number < WRITTEN:
-                await variable.set_writable()
+    server = await doubles_server(port, count, writable=WRITTEN)
     async with server:
         print("ready", flush=True)
         await asyncio.to_thread(sys.stdin.read)

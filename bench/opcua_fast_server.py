@@ -21,13 +21,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from asyncua import Client, Server, ua
+from asyncua import Client, ua
 
 from softplc.clock import SystemClock
 from softplc.exchange import Reader, Writer, size
 from softplc.publishers.opcua.config import OpcUaPublisher
 from softplc.tags import Image, Tag, TagTable
 from softplc.timing import Scan
+from tests.support.doubles import doubles_server
 from tests.support.network import free_port
 
 PEERS = Path(os.environ.get("SOFTPLC_PEERS", Path(__file__).parent.parent / "tests" / "peers"))
@@ -98,7 +99,7 @@ class NodeClient:
     async def ask(self, **request: Any) -> dict[str, Any]:
         assert self.process.stdin is not None
         self.process.stdin.write(json.dumps(request).encode() + b"\n")
-        answer: dict[str, Any] = json.loads(await said(self.process, b"answer ", "node-opcua's client"))
+        answer: dict[str, Any] = json.loads(b'{"answer":' + await said(self.process, b'{"answer":', "node-opcua"))
         if "error" in answer or answer.get("bad"):
             raise SystemExit(f"node-opcua's client: {answer}")
         return answer
@@ -217,14 +218,7 @@ async def serve_softplc(port: int, count: int, changing: int) -> None:
 
 
 async def serve_asyncua(port: int, count: int, changing: int) -> None:
-    server = Server()
-    await server.init()
-    server.set_endpoint(f"opc.tcp://127.0.0.1:{port}")
-    server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
-    for first in range(0, count, 100):
-        axis = await server.nodes.objects.add_object(ua.NodeId(f"A{first}", 1), f"1:A{first}")
-        for number in range(first, min(first + 100, count)):
-            await axis.add_variable(ua.NodeId(f"D{number}", 1), f"1:D{number}", number + 0.5)
+    server = await doubles_server(port, count)
     ids = [ua.NodeId(f"D{number}", 1) for number in range(changing)]
     scans = 0
 

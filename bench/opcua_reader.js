@@ -9,7 +9,7 @@
 
 const opcua = require("node-opcua");
 const path = require("node:path");
-const readline = require("node:readline");
+const { serve } = require("../tests/peers/json_lines.js");
 
 let client, session, nodes, batch, heard = 0;
 
@@ -60,14 +60,4 @@ const commands = {
     },
 };
 
-let queue = Promise.resolve();
-const lines = readline.createInterface({ input: process.stdin });
-lines.on("line", (line) => {
-    queue = queue.then(async () => {
-        const request = JSON.parse(line);
-        const name = Object.keys(commands).find((command) => command in request);
-        const answer = await commands[name](request).catch((error) => ({ error: String(error) }));
-        console.log("answer " + JSON.stringify(answer));
-    });
-});
-lines.on("close", () => queue.then(() => process.exit(0)));
+serve(commands);

@@ -6,14 +6,17 @@
 //   {"translate": [startNodeId, "/2:softplc/2:Axes"]}  node id that a browse path leads to
 //   {"write": [nodeId, attributeId, dataType, value]}  status of the write
 //   {"subscribe": [nodeId, ...], "interval": ms}       answers with interval and statuses; then lines {"notification": ...}
+//     also "timestamps": name (Both), "attribute": id (Value), "queue": size (100), "discardOldest": false,
+//     "range": index range, "trigger": name
+//   {"modify": nodeId, "timestamps": name}             for all that was subscribed in the request that began with it
+//   {"unsubscribe": nodeId}                            ends that
 //   {"disconnect": true}
 //
 // Start with the folder for its certificates as the only argument; ends when stdin ends.
 "use strict";
-const readline = require("node:readline");
 const opcua = require("node-opcua");
+const { say, serve } = require("./json_lines.js");
 
-const say = (object) => process.stdout.write(JSON.stringify(object) + "\n");
 const millis = (date) => (date ? date.getTime() : null);
 const plain = (value) => {
     if (value === null || value === undefined) return null;
@@ -32,6 +35,7 @@ const sample = (dataValue) => ({
 
 let client = null;
 let session = null;
+const groups = new Map();
 
 const commands = {
     async connect(request) {
@@ -89,14 +93,35 @@ const commands = {
             requestedMaxKeepAliveCount: 10,
             publishingEnabled: true,
         });
-        const items = request.subscribe.map((nodeId) => ({ nodeId, attributeId: opcua.AttributeIds.Value }));
-        const parameters = { samplingInterval: request.interval, queueSize: 100, discardOldest: true };
-        const group = await subscription.monitorItems(items, parameters, opcua.TimestampsToReturn.Both);
+        const attributeId = request.attribute || opcua.AttributeIds.Value;
+        const indexRange = request.range ? new opcua.NumericRange(request.range) : undefined;
+        const items = request.subscribe.map((nodeId) => ({ nodeId, attributeId, indexRange }));
+        const parameters = {
+            samplingInterval: request.interval,
+            queueSize: request.queue || 100,
+            discardOldest: request.discardOldest !== false,
+        };
+        if (request.trigger) parameters.filter = new opcua.DataChangeFilter({ trigger: opcua.DataChangeTrigger[request.trigger] });
+        const timestamps = opcua.TimestampsToReturn[request.timestamps || "Both"];
+        const group = await subscription.monitorItems(items, parameters, timestamps);
+        groups.set(request.subscribe[0], [group, parameters, subscription]);
         group.on("changed", (item, dataValue, index) =>
             say({ notification: request.subscribe[index], ...sample(dataValue) })
         );
         const statuses = group.monitoredItems.map((item) => item.result.statusCode.value);
         return { interval: subscription.publishingInterval, statuses };
+    },
+    async modify(request) {
+        const [group, parameters] = groups.get(request.modify);
+        await group.modify(parameters, opcua.TimestampsToReturn[request.timestamps]);
+        return {};
+    },
+    async unsubscribe(request) {
+        const [group, , subscription] = groups.get(request.unsubscribe);
+        groups.delete(request.unsubscribe);
+        await group.terminate();
+        await subscription.terminate();
+        return {};
     },
     async disconnect() {
         await session.close();
@@ -105,17 +130,4 @@ const commands = {
     },
 };
 
-let queue = Promise.resolve();
-const lines = readline.createInterface({ input: process.stdin });
-lines.on("line", (line) => {
-    queue = queue.then(async () => {
-        const request = JSON.parse(line);
-        const name = Object.keys(commands).find((command) => command in request);
-        try {
-            say({ answer: name, ...(await commands[name](request)) });
-        } catch (error) {
-            say({ answer: name, error: String(error.message || error) });
-        }
-    });
-});
-lines.on("close", () => queue.then(() => process.exit(0)));
+serve(commands);

@@ -17,6 +17,7 @@ from tests.support.relay import Relay
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
 VALUE, BROWSE_NAME, DISPLAY_NAME = 13, 3, 4
+CLOCK, NAMESPACES = "ns=0;i=2258", "ns=0;i=2255"
 GOOD_COMPLETES_ASYNCHRONOUSLY, NOT_WRITABLE, USER_ACCESS_DENIED = 0x002E0000, 0x803B0000, 0x801F0000
 
 
@@ -109,6 +110,44 @@ async def test_every_change_is_notified_good_to_bad_too(served: Served, peer: No
     served.exchange.set("AxisX.Position", 12.0, StatusCode.UNCERTAIN_INITIAL_VALUE)
     await served.scan()
     await peer.notified(lambda _: seen(StatusCode.UNCERTAIN_INITIAL_VALUE, 12.0))
+
+
+@pytest.mark.parametrize(("wanted", "then"), [("Source", "Server"), ("Neither", "Both"), ("Both", "Neither")])
+async def test_timestamps_are_those_asked_for_whatever_the_node(
+    served: Served, peer: NodeClient, wanted: str, then: str
+) -> None:
+    nodes = [CLOCK, "ns=2;s=AxisY.Position", "ns=2;s=AxisY.Enable"]
+
+    def told(names: str) -> list[bool]:
+        """Each node has been notified with these timestamps and no others, the newest time."""
+        last = {line["notification"]: line for line in peer.notifications}
+        stamps = names in ("Source", "Both"), names in ("Server", "Both")
+        return [
+            node in last and (last[node]["source"] is not None, last[node]["server"] is not None) == stamps
+            for node in nodes
+        ]
+
+    peer.notifications.clear()
+    await peer.ask(subscribe=nodes, interval=20, timestamps=wanted)
+    await peer.notified(lambda _: all(told(wanted)))
+    assert "error" not in await peer.ask(modify=CLOCK, timestamps=then)
+    for name in ("AxisY.Position", "AxisY.Enable"):
+        was = served.exchange.image.values[served.exchange.table.index(name)]
+        served.exchange.set(name, float(was == 0.0))
+    await served.scan(1.0)
+
+    await peer.notified(lambda _: all(told(then)))
+    await peer.ask(unsubscribe=CLOCK)
+
+
+async def test_part_of_an_array_is_monitored(served: Served, peer: NodeClient) -> None:
+    peer.notifications.clear()
+    await peer.ask(subscribe=[NAMESPACES], interval=20, range="1:2")
+
+    (found,) = await peer.notified(bool)
+
+    assert found["value"] == ["urn:softplc:server", "urn:softplc:tags"]
+    await peer.ask(unsubscribe=NAMESPACES)
 
 
 async def test_writes_are_refused_to_an_anonymous_client(peer: NodeClient) -> None:

@@ -139,7 +139,7 @@ async def test_nothing_of_a_subscription_stays_when_it_is_deleted(calm: Served, 
     subscription = await client.create_subscription(10, heard)
     await subscription.subscribe_data_change([client.get_node(POSITION)] * 3)
     await eventually(lambda: len(heard.values) == 3)
-    assert (before[0] + 3, before[1] + 1) == (len(sweep), len(sweep._queues))
+    assert (before[0] + 3, before[1] + 2) == (len(sweep), len(sweep._queues))
 
     await subscription.delete()
 
