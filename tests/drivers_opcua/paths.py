@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from softplc.drivers.opcua.fast import seam
+from softplc import asyncua_version
 
 PATHS = ("poll, our codec", "poll, asyncua's codec", "subscribe")
 every_path = pytest.mark.parametrize("path", PATHS)
@@ -15,11 +15,11 @@ every_path = pytest.mark.parametrize("path", PATHS)
 def on(path: str) -> Iterator[str]:
     """The mode of this way; where asyncua is to decode, it counts as one that our codec was not compared with."""
     plain = path == PATHS[1]
-    seam.proven.cache_clear()
+    asyncua_version.proven.cache_clear()
     with pytest.MonkeyPatch.context() as patch:
         if plain:
-            patch.setattr(seam, "PROVEN", frozenset({"0.0.1"}))
+            patch.setattr(asyncua_version, "PROVEN", frozenset({"0.0.1"}))
         try:
             yield "subscribe" if path == PATHS[2] else "poll"
         finally:
-            seam.proven.cache_clear()
+            asyncua_version.proven.cache_clear()

@@ -6,8 +6,7 @@
 //   {"translate": [startNodeId, "/2:softplc/2:Axes"]}  node id that a browse path leads to
 //   {"write": [nodeId, attributeId, dataType, value]}  status of the write
 //   {"subscribe": [nodeId, ...], "interval": ms}       answers with interval and statuses; then lines {"notification": ...}
-//     also "timestamps": name (Both), "attribute": id (Value), "queue": size (100), "discardOldest": false,
-//     "range": index range, "trigger": name
+//     also "timestamps": name (Both), "range": index range
 //   {"modify": nodeId, "timestamps": name}             for all that was subscribed in the request that began with it
 //   {"unsubscribe": nodeId}                            ends that
 //   {"disconnect": true}
@@ -93,15 +92,9 @@ const commands = {
             requestedMaxKeepAliveCount: 10,
             publishingEnabled: true,
         });
-        const attributeId = request.attribute || opcua.AttributeIds.Value;
         const indexRange = request.range ? new opcua.NumericRange(request.range) : undefined;
-        const items = request.subscribe.map((nodeId) => ({ nodeId, attributeId, indexRange }));
-        const parameters = {
-            samplingInterval: request.interval,
-            queueSize: request.queue || 100,
-            discardOldest: request.discardOldest !== false,
-        };
-        if (request.trigger) parameters.filter = new opcua.DataChangeFilter({ trigger: opcua.DataChangeTrigger[request.trigger] });
+        const items = request.subscribe.map((nodeId) => ({ nodeId, attributeId: opcua.AttributeIds.Value, indexRange }));
+        const parameters = { samplingInterval: request.interval, queueSize: 100, discardOldest: true };
         const timestamps = opcua.TimestampsToReturn[request.timestamps || "Both"];
         const group = await subscription.monitorItems(items, parameters, timestamps);
         groups.set(request.subscribe[0], [group, parameters, subscription]);

@@ -1,13 +1,13 @@
 """The driver on the fast path: which messages take it, what asyncua's decoder is left with, and the guard."""
 
 import asyncio
-import logging
 import math
 
 import pytest
+import structlog
 from asyncua import ua
 
-from softplc.drivers.opcua.fast import seam
+from softplc import asyncua_version
 from softplc.sample import StatusCode
 from softplc.tags import Image
 from tests.drivers_opcua.opened import opened, read
@@ -55,26 +55,26 @@ async def test_a_value_that_comes_and_goes_is_followed_through_all_its_layouts(a
 
 
 async def test_an_asyncua_that_was_not_proven_is_told_once_and_used_as_it_is(
-    plc: NodePlc, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    plc: NodePlc, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(seam, "PROVEN", frozenset({"0.0.1"}))
-    seam.proven.cache_clear()
+    monkeypatch.setattr(asyncua_version, "PROVEN", frozenset({"0.0.1"}))
+    asyncua_version.proven.cache_clear()
     try:
-        for _ in range(2):
-            async with opened(plc.url, [f"{AXIS}.Double"], [f"{AXIS}.Target"]) as driver:
-                image = await read(driver, 1)
-                assert image.values.tolist() == [1e300]
-                assert await driver.write({0: 2.5}) == {0: StatusCode.GOOD}
+        with structlog.testing.capture_logs() as told:
+            for _ in range(2):
+                async with opened(plc.url, [f"{AXIS}.Double"], [f"{AXIS}.Target"]) as driver:
+                    image = await read(driver, 1)
+                    assert image.values.tolist() == [1e300]
+                    assert await driver.write({0: 2.5}) == {0: StatusCode.GOOD}
     finally:
-        seam.proven.cache_clear()
+        asyncua_version.proven.cache_clear()
 
-    told = [record for record in caplog.records if record.name == seam.__name__]
-    assert [record.levelno for record in told] == [logging.WARNING]
-    assert "expected 0.0.1" in told[0].getMessage()
+    warnings = [line for line in told if "asyncua" in line["event"]]
+    assert [(line["by"], line["expected"]) for line in warnings] == [("client", "0.0.1")]
 
 
 def test_the_installed_asyncua_is_one_that_the_codec_was_compared_with():
-    assert seam.proven()
+    assert asyncua_version.proven("client")
 
 
 async def test_changes_of_every_number_type_need_no_decoder_but_ours(plc: NodePlc):

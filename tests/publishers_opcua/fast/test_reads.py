@@ -6,8 +6,9 @@ from typing import Any
 import pytest
 from asyncua import Client, ua
 
+from softplc import asyncua_version
 from softplc.publishers.opcua.fast.reads import Reads
-from softplc.publishers.opcua.fast.seam import PROVEN, proven
+from softplc.publishers.opcua.fast.seam import proven
 from softplc.sample import StatusCode
 from tests.publishers_opcua.conftest import LIMITS, Served, refused
 
@@ -131,5 +132,6 @@ async def test_a_session_that_only_reads_stays_alive(quiet: Served) -> None:
 
 
 async def test_an_asyncua_that_was_not_proven_is_not_used() -> None:
-    assert not proven("2.1.0.post1")
-    assert all(proven(version) for version in PROVEN)
+    assert proven()
+    assert not asyncua_version.proven("test", "2.1.0.post1")
+    assert all(asyncua_version.proven("test", version) for version in asyncua_version.PROVEN)

@@ -6,10 +6,7 @@ On a channel without security a message's chunks are put together and a whole an
 """
 
 import asyncio
-import functools
-import logging
 import struct
-from importlib import metadata
 from typing import Any, Final, NoReturn, TypeVar
 
 from asyncua import ua
@@ -19,10 +16,8 @@ from asyncua.common.utils import Buffer
 from asyncua.crypto.security_policies import CryptographyNone
 from asyncua.ua.ua_binary import nodeid_from_binary, nodeid_to_binary, struct_from_binary, struct_to_binary
 
+from softplc import asyncua_version
 from softplc.drivers.opcua.fast.records import OddBodyError
-
-PROVEN: Final = frozenset({"2.1.0"})
-"""Versions of asyncua whose channel takes and gives bodies as told here, and whose codec ours was compared with."""
 
 _CHUNK: Final = struct.Struct("<4sIIIII")
 """Kind and size, channel, token, sequence number, request id: what stands before the body (OPC 10000-6, 6.7.2)."""
@@ -31,21 +26,12 @@ _MOST_HELD: Final = 2**20
 _NULL_ARRAYS: Final = (b"\x80", b"\xc0")
 _EPOCH_TICKS: Final = 116_444_736_000_000_000  # 1601 to 1970, 100 ns
 _STAMP_AND_HANDLE: Final = struct.Struct("<qI")
-_logger: Final = logging.getLogger(__name__)
 T = TypeVar("T")
 
 
-@functools.cache
-def proven(version: str | None = None) -> bool:
-    """True when the fast path may be used with this asyncua, by default the installed; the log tells once if not."""
-    found = version or metadata.version("asyncua")
-    if found not in PROVEN:
-        _logger.warning(
-            "asyncua %s is installed; expected %s: OPC-UA messages are coded value by value, at many times the cost",
-            found,
-            " or ".join(sorted(PROVEN)),
-        )
-    return found in PROVEN
+def proven() -> bool:
+    """The client's fast path was compared with the installed asyncua."""
+    return asyncua_version.proven("client")
 
 
 class Request:
