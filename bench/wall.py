@@ -1,6 +1,6 @@
 """The wall between scan and gateway: intervals between scans while the gateway idles, is attacked, stopped, killed.
 
-Usage: python bench/wall.py [--seconds 18] [--period-ms 20] [--rounds 3] [--quick]
+Usage: PYTHONPATH=. python bench/wall.py [--seconds 18] [--period-ms 20] [--rounds 3] [--quick]
 The real scan process and gateway with an emulated Modbus PLC; all conditions in turns, and beside the scans, in a
 process of its own at the same period, a bare timer that does nothing. |Δt − period| in ms; the longest stall is the
 largest Δt − period. `--quick` takes half a minute.
