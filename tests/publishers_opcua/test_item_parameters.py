@@ -305,3 +305,17 @@ async def test_an_item_that_is_only_sampled_reports_when_it_may(
     await messages.set_mode(SAMPLING, other)
 
     assert told(await messages.publish()) == [(0, came[1], OVERFLOW), (0, came[2], 0)]
+
+
+async def test_a_client_gets_no_more_in_one_message_than_it_wants_whatever_it_monitors(
+    rested: Served, alone: Client
+) -> None:
+    tags = [ua.NodeId(tag.name, 2) for tag in rested.exchange.table][:13]
+    messages = await Messages(alone, most=10).create()
+    await messages.monitor(*[CLOCK] * 12, *tags)
+
+    found = [await messages.publish() for _ in range(3)]
+
+    assert [len(told(result)) for result in found] == [10, 10, 5]
+    assert [result.MoreNotifications for result in found] == [True, True, False]
+    assert list(range(25)) == sorted(handle for result in found for handle, _, _ in told(result))

@@ -5,13 +5,13 @@ from typing import Any, Final
 
 import numpy as np
 from asyncua import ua
-from asyncua.server.internal_subscription import InternalSubscription
 from asyncua.ua.ua_binary import struct_to_binary
 
 from softplc.publishers.opcua.fast.encoding import LARGEST, encode
 from softplc.publishers.opcua.fast.queue import Entries, Queue
 from softplc.publishers.opcua.fast.sweep import NO_BAND, Sweep, Terms
 from softplc.publishers.opcua.hardened.filters import present, wants_stamps
+from softplc.publishers.opcua.hardened.publishing import Subscription
 from softplc.publishers.opcua.hardened.subscriptions import MonitoredItems, Sampling
 from softplc.publishers.opcua.values import Watch
 
@@ -21,35 +21,24 @@ _NO_DIAGNOSTICS: Final[bytes] = struct_to_binary(ua.DataChangeNotification())[-_
 _BESIDE: Final = 4096  # bytes, at most, of all else in a message: of acknowledgements and what they answer
 
 
-class Subscription(InternalSubscription):  # type: ignore[misc]  # asyncua is untyped here
-    """asyncua's, which also publishes what its swept items have to say, as bytes."""
-
-    async def publish_results(self, requestdata: Any = None) -> bool:
-        """Publish, and at once what did not fit into the message; False when nothing was published."""
-        published = more = bool(await super().publish_results(requestdata))
-        while more and self._is_waiting():
-            more = bool(await super().publish_results())
-        return published
+class SweptSubscription(Subscription):
+    """A subscription that also publishes what its swept items have to say, as bytes."""
 
     def has_published_results(self) -> bool:
         """A message is due, with notifications or to keep alive."""
         return self._is_waiting() or bool(super().has_published_results())
 
     def _is_waiting(self) -> bool:
-        return self._publishing_enabled and bool(self.monitored_item_srv.waiting)
-
-    def _pop_publish_result(self) -> Any:
-        result = super()._pop_publish_result()
-        result.MoreNotifications = self._is_waiting()
-        return result
+        return super()._is_waiting() or bool(self._publishing_enabled and self.monitored_item_srv.waiting)
 
     def _pop_triggered_datachanges(self, result: Any) -> None:
         items = self.monitored_item_srv
         items.sweep.slow += bool(self._triggered_datachanges)
         super()._pop_triggered_datachanges(result)
-        if items.waiting:
-            entries = items.take(self._most())
-            result.NotificationMessage.NotificationData.append(ua.ExtensionObject(_TYPE, data_change(entries)))
+        told = result.NotificationMessage.NotificationData
+        room = self._most() - sum(len(data.MonitoredItems) for data in told)
+        if items.waiting and room > 0:
+            told.append(ua.ExtensionObject(_TYPE, data_change(items.take(room))))
 
     def _most(self) -> int:
         """How many notifications the client takes in one message."""
@@ -62,7 +51,7 @@ class SweptItems(MonitoredItems):
 
     def __init__(self, isub: Any, aspace: Any, watch: Watch, sweep: Sweep) -> None:
         super().__init__(isub, aspace, watch)
-        isub.__class__ = Subscription
+        isub.__class__ = SweptSubscription
         self.sweep = sweep
         self._queue = Queue()
         self._number = sweep.open(self._queue)

@@ -11,6 +11,7 @@ from asyncua.server.subscription_service import SubscriptionService
 
 from softplc.publishers.opcua.hardened.filters import fit, present, reportable, wants_stamps
 from softplc.publishers.opcua.hardened.parts import part_of
+from softplc.publishers.opcua.hardened.publishing import Subscription
 from softplc.publishers.opcua.values import Watch, stamped
 
 _SLOWEST_SAMPLING: Final = 3600.0  # seconds
@@ -99,6 +100,7 @@ class MonitoredItems(MonitoredItemService):  # type: ignore[misc]  # asyncua is 
 
     def __init__(self, isub: Any, aspace: Any, watch: Watch) -> None:
         super().__init__(isub, aspace)
+        isub.__class__ = Subscription
         logging.Logger.manager.loggerDict.pop(self.logger.name, None)
         self._watch = watch
         self._sampling: dict[int, Sampling] = {}
