@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pytest
 import pytest_asyncio
 from asyncua import Client, ua
 
@@ -131,6 +132,29 @@ async def calm(served: Served) -> Served:
         served.exchange.set(tag.name, 1.0)
     await served.scan()
     return served
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module", params=[True, False], ids=["fast", "ordinary"])
+async def either(request: pytest.FixtureRequest) -> AsyncIterator[Served]:
+    """A server with the fast path, and one without."""
+    async with serve(fast=request.param) as served:
+        yield served
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def rested(either: Served) -> Served:
+    """Every tag Good and 1, published."""
+    for tag in either.exchange.table:
+        either.exchange.set(tag.name, 1.0)
+    await either.scan(1.0)
+    return either
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def alone(rested: Served) -> AsyncIterator[Client]:
+    """A client of its own."""
+    async with rested.client() as client:
+        yield client
 
 
 class Notifications:
