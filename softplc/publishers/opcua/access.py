@@ -59,7 +59,7 @@ def _digest(name: str, password: str) -> bytes:
 
 
 class AllServices(PermissionRuleset):  # type: ignore[misc]  # asyncua is untyped here
-    """Which services exist at all is decided in `hardened.channel`; of those, every user may use each."""
+    """Which services exist at all is decided in `hardened.services`; of those, every user may use each."""
 
     def check_validity(self, _user: Any, _service: Any, _body: Any) -> bool:
         """Yes."""

@@ -27,8 +27,8 @@ from softplc.publishers.opcua.fast.seam import proven
 from softplc.publishers.opcua.fast.sweep import Sweep
 from softplc.publishers.opcua.hardened.channel import Listener
 from softplc.publishers.opcua.hardened.decoding import guard_decoding
+from softplc.publishers.opcua.hardened.inner import ClosedServer
 from softplc.publishers.opcua.hardened.limits import Limits, free_files
-from softplc.publishers.opcua.hardened.session import ClosedServer
 from softplc.publishers.opcua.values import TagValues, Watch, utc
 
 _ITEMS_PER_TURN: Final = 256  # tags notified before the loop's other tasks get their turn

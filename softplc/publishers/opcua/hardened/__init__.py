@@ -1,8 +1,8 @@
 """asyncua's server with its defaults closed: every override of asyncua's internals is in this folder.
 
 Proven on asyncua 2.1.0, which pyproject.toml pins exactly; each class says what asyncua does without it.
-`channel`: sockets, connections and which services exist. `frames`: what their first bytes say. `places`: who gets one
-when there are not enough. `session`: sessions, their limits, and what each service may do. `subscriptions`:
-subscriptions and monitored items. `view`: browsing. `decoding`: messages that would make more than they hold.
-`limits`: how much of each.
+`channel`: sockets and connections. `frames`: what their first bytes say. `places`: who gets one when there are not
+enough. `services`: which services exist, and for whom. `session`: sessions, and what each service may do. `inner`:
+what all sessions share. `subscriptions`: subscriptions and monitored items. `view`: browsing. `decoding`: messages
+that would make more than they hold. `limits`: how much of each.
 """
