@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, ValidationInfo, model_validator
 
 from softplc.errors import ConfigError
 
@@ -27,6 +27,14 @@ Host = Annotated[
     Field(json_schema_extra={"x-expected": "a host name or an address, as in plc1.local or 192.168.0.10"}),
 ]
 """Where a device is, or where a server listens."""
+
+
+def _from_the_folder(path: str, info: ValidationInfo) -> str:
+    return str(Path(info.context["folder"]) / path) if info.context else path
+
+
+PathBeside = Annotated[str, Field(min_length=1), AfterValidator(_from_the_folder)]
+"""A path, in the file as seen from the configuration's folder; the validation's context says which that is."""
 
 
 class Model(BaseModel):

@@ -30,8 +30,9 @@ def validate(root: Node, model: type[M], expansion: Expansion | None = None) -> 
     """
     kept: list[Problem] = []
     mended: set[Any] = set()
+    context = {} if expansion is None else {"folder": expansion.folder}
     for _ in range(_ROUNDS):
-        made, errors = _parse(root, model)
+        made, errors = _parse(root, model, context)
         judged: list[Judged] = []
         seen = set(mended)
         for error in errors:
@@ -52,9 +53,9 @@ def validate(root: Node, model: type[M], expansion: Expansion | None = None) -> 
     return None, kept
 
 
-def _parse(root: Node, model: type[M]) -> tuple[M | None, list[Any]]:
+def _parse(root: Node, model: type[M], context: dict[str, Any]) -> tuple[M | None, list[Any]]:
     try:
-        return model.model_validate_json(json.dumps(plain(root))), []
+        return model.model_validate_json(json.dumps(plain(root)), context=context), []
     except ValidationError as error:
         return None, list(error.errors(include_url=False, include_input=False))
 

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, field_validator
 from softplc.clock import Clock
 from softplc.drivers.opcua.node import parse_address
 from softplc.interfaces import Driver
-from softplc.model import Model, Name, Secret
+from softplc.model import Model, Name, PathBeside, Secret
 
 
 class OpcUaUser(Model):
@@ -22,17 +22,17 @@ class OpcUaUser(Model):
 
 
 class OpcUaSecurity(Model):
-    """Message security; leave it out for SecurityPolicy None."""
+    """Message security; leave it out for SecurityPolicy None. Paths are as seen from this file's folder."""
 
     policy: Literal["Basic256Sha256", "Aes128_Sha256_RsaOaep", "Aes256_Sha256_RsaPss"] = "Basic256Sha256"
     """Security policy; the server must offer it."""
     mode: Literal["Sign", "SignAndEncrypt"] = "SignAndEncrypt"
     """Messages are signed, or signed and encrypted."""
-    certificate: Annotated[str, Field(min_length=1)]
+    certificate: PathBeside
     """Path of our application certificate (DER or PEM)."""
-    private_key: Annotated[str, Field(min_length=1)]
+    private_key: PathBeside
     """Path of its private key (PEM)."""
-    server_certificate: str | None = None
+    server_certificate: PathBeside | None = None
     """Path of the server's certificate; without it the one that the server presents is taken."""
 
 

@@ -2,8 +2,6 @@
 
 import socket
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 from typing import Final
 
 from asyncua import Client, ua
@@ -11,8 +9,8 @@ from asyncua.crypto import security_policies
 from asyncua.crypto.uacrypto import x509_from_der
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey
-from cryptography.hazmat.primitives.serialization import load_der_private_key, load_pem_private_key
 
+from softplc.certificates import application_uris, read_certificate, read_pair
 from softplc.drivers.opcua.config import OpcUaSecurity, OpcUaUser
 from softplc.errors import ConfigError
 
@@ -41,13 +39,13 @@ class Certificates:
     def load(security: OpcUaSecurity) -> "Certificates":
         """Read and check the files, unless they are as they were. Raises ConfigError that names the file."""
         ours, server = security.certificate, security.server_certificate
-        certificate, key = _pair(ours, security.private_key, _age(ours), _age(security.private_key))
+        certificate, key = read_pair(ours, security.private_key)
         return Certificates(
             security.policy,
             security.mode,
             certificate,
             key,
-            None if server is None else _certificate(server, _age(server)),
+            None if server is None else read_certificate(server),
             _application_uri(ours, certificate),
         )
 
@@ -87,60 +85,8 @@ class Credentials:
         return f"urn:{socket.gethostname()}:softplc:client"
 
 
-def _age(path: str) -> int:
-    """When the file was last changed; tells whether what was read of it still holds."""
-    try:
-        return Path(path).stat().st_mtime_ns
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}; expected a certificate or key file") from error
-
-
-def _content(path: str) -> bytes:
-    try:
-        return Path(path).read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}; expected a certificate or key file") from error
-
-
-def _is_pem(content: bytes) -> bool:
-    return content.lstrip().startswith(b"-----BEGIN")
-
-
-@cache
-def _certificate(path: str, age: int) -> x509.Certificate:
-    content = _content(path)
-    try:
-        return (
-            x509.load_pem_x509_certificate(content) if _is_pem(content) else x509.load_der_x509_certificate(content)
-        )
-    except ValueError as error:
-        raise ConfigError(f"{path}: is no X.509 certificate; expected one in DER or PEM") from error
-
-
-@cache
-def _pair(
-    certificate_path: str, key_path: str, certificate_age: int, key_age: int
-) -> tuple[x509.Certificate, RSAPrivateKey]:
-    """Certificate and key, once for all attempts to connect: checking a key takes 35 ms, in which nobody scans."""
-    certificate = _certificate(certificate_path, certificate_age)
-    content = _content(key_path)
-    try:
-        key = (load_pem_private_key if _is_pem(content) else load_der_private_key)(content, None)
-    except (ValueError, TypeError) as error:
-        raise ConfigError(f"{key_path}: is no private key without password; expected one in PEM or DER") from error
-    if not isinstance(key, RSAPrivateKey):
-        raise ConfigError(f"{key_path}: is no RSA key; expected one, as these security policies use")
-    if key.public_key() != certificate.public_key():
-        raise ConfigError(f"{key_path}: is not the private key of {certificate_path}; expected the pair")
-    return certificate, key
-
-
 def _application_uri(path: str, certificate: x509.Certificate) -> str:
-    try:
-        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-        uris = names.get_values_for_type(x509.UniformResourceIdentifier)
-    except x509.ExtensionNotFound:
-        uris = []
+    uris = application_uris(certificate)
     if not uris:
         raise ConfigError(f"{path}: names no application URI; expected a URI in the subject alternative name")
     return uris[0]
