@@ -3,6 +3,7 @@
 import asyncio
 import math
 import os
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +54,23 @@ def missing_secrets(config: Config) -> list[str]:
                 user.password.read()
         except ConfigError as error:
             texts.append(f"{owner}, user {user.name}: {error}")
+    return texts
+
+
+def certificate_remarks(config: Config) -> list[str]:
+    """One text for each certificate of a server that is, or soon will be, of no use for its date."""
+    clock = SystemClock()
+    try:
+        now = datetime.fromtimestamp(clock.utc_ns() / 1e9, UTC)
+    finally:
+        clock.close()
+    texts = []
+    for publisher in config.publishers:
+        security = getattr(publisher, "security", None)
+        if security is not None:
+            from softplc.publishers.opcua.own_certificate import remarks  # noqa: PLC0415  only where there is one
+
+            texts += [f"{publisher.type} publisher: {text}" for text in remarks(security, now)]
     return texts
 
 

@@ -5,8 +5,9 @@ import struct
 from collections.abc import AsyncIterator
 
 from softplc.config.models import Config
+from softplc.errors import ConfigError
 from softplc.publishers.modbus.config import ModbusPublisher
-from softplc.publishers.opcua.config import OpcUaPublisher
+from softplc.publishers.opcua.config import APPLICATION_URI, OpcUaPublisher
 
 _HEARTBEAT_REGISTER = 7
 _LOOK = 0.1  # seconds between two looks
@@ -25,7 +26,8 @@ def check_health(config: Config | None, timeout: float) -> str:
             return asyncio.run(_judge(_modbus_heartbeats(host, publisher.port, publisher.unit_id), timeout, where))
         if isinstance(publisher, OpcUaPublisher) and config is not None:
             where = f"OPC-UA server {host}:{publisher.port}"
-            return asyncio.run(_judge(_opcua_heartbeats(host, publisher.port, config.tasks[0].name), timeout, where))
+            beats = _opcua_heartbeats(host, publisher, config.tasks[0].name)
+            return asyncio.run(_judge(beats, timeout, where))
     return "the configuration has no publisher that could be asked"
 
 
@@ -56,16 +58,26 @@ async def _modbus_heartbeats(host: str, port: int, unit_id: int) -> AsyncIterato
         writer.close()
 
 
-async def _opcua_heartbeats(host: str, port: int, task: str) -> AsyncIterator[int]:
+async def _opcua_heartbeats(host: str, publisher: OpcUaPublisher, task: str) -> AsyncIterator[int]:
+    """Heartbeats of a task; from a secured server as the one client that it always trusts, itself."""
     from asyncua import Client, ua  # noqa: PLC0415  takes seconds to import
+    from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256  # noqa: PLC0415
 
+    client = Client(f"opc.tcp://{host}:{publisher.port}")
     try:
-        async with Client(f"opc.tcp://{host}:{port}") as client:
+        if publisher.security is not None:
+            from softplc.certificates import read_pair  # noqa: PLC0415  only where there is one
+
+            own, key = read_pair(publisher.security.certificate, publisher.security.private_key)
+            client.application_uri = APPLICATION_URI
+            client.security_policy = SecurityPolicyBasic256Sha256(own, own, key, ua.MessageSecurityMode.Sign)
+            client.uaclient.set_security(client.security_policy)
+        async with client:
             node = client.get_node(f"ns=2;s=Tasks.{task}.Heartbeat")
             while True:
                 value = await node.read_data_value(raise_on_bad_status=False)
                 if value.StatusCode is not None and value.StatusCode.is_good() and value.Value is not None:
                     yield int(value.Value.Value)
                 await asyncio.sleep(_LOOK)
-    except ua.UaError as error:
+    except (ua.UaError, ConfigError) as error:
         raise OSError(str(error)) from error

@@ -16,7 +16,7 @@ _SHOWN: Final = 50  # rows of a table that people read
 
 def check(path: Path, *, connect: bool, as_json: bool) -> int:
     """Validate, and with `connect` read every tag for a second; see `softplc check --help`."""
-    from softplc.app.checking import missing_secrets, read_once  # noqa: PLC0415
+    from softplc.app.checking import certificate_remarks, missing_secrets, read_once  # noqa: PLC0415
     from softplc.config.load import load  # noqa: PLC0415
     from softplc.config.remarks import remarks  # noqa: PLC0415
 
@@ -26,7 +26,7 @@ def check(path: Path, *, connect: bool, as_json: bool) -> int:
         if as_json:
             print_json({"errors": wrong.lines})
         raise
-    for text in (*missing_secrets(config), *remarks(config)):
+    for text in (*missing_secrets(config), *certificate_remarks(config), *remarks(config)):
         messages.print(f"{path}: {text}", style="yellow", markup=False)
     if not connect:
         _print_axes(path, config, as_json=as_json)

@@ -1,7 +1,9 @@
-"""Publishers: one port for each, none of them a source, and axis blocks that fit into the register map."""
+"""Publishers: one port for each, none of them a source, axis blocks that fit into the register map, certificates."""
 
 from collections.abc import Iterator
 from typing import Any, Final
+
+from pydantic import ValidationError
 
 from softplc.config.checks_names import at, task_names
 from softplc.config.checks_values import host_and_port
@@ -10,7 +12,7 @@ from softplc.config.problem import LONG, Problem, shown
 from softplc.config.tree import Scalar, below, items_at, text_at
 from softplc.publishers.modbus.config import ModbusPublisher
 from softplc.publishers.modbus.placement import AXES, REGISTERS, PlacementError, place
-from softplc.publishers.opcua.config import OpcUaPublisher
+from softplc.publishers.opcua.config import OpcUaPublisher, OpcUaServerSecurity
 
 _DEFAULTS: Final[dict[str, Any]] = {"opcua": OpcUaPublisher, "modbus": ModbusPublisher}
 _EVERYWHERE: Final = ("0.0.0.0", "::", "")
@@ -23,6 +25,8 @@ def check(facts: Facts) -> Iterator[Problem]:
     for publisher in facts.publishers:
         if publisher.text("type") == "modbus":
             yield from _places(facts, publisher)
+        if publisher.text("type") == "opcua":
+            yield from _certificate_files(facts, publisher)
 
 
 def _endpoint(publisher: Item) -> tuple[str, int] | None:
@@ -121,3 +125,20 @@ def _places(facts: Facts, publisher: Item) -> Iterator[Problem]:
             path, block = (publisher.path, publisher.block) if number is None else blocks[number]
             node = below(block, "address")
             yield Problem(*at(node, block), (*path, "address") if node is not None else path, shown(text, LONG))
+
+
+def _certificate_files(facts: Facts, publisher: Item) -> Iterator[Problem]:
+    """What is wrong with the server's certificate and key; nothing where both are still to be made."""
+    block = below(publisher.block, "security")
+    texts = {key: text_at(block, key) for key in ("certificate", "private_key", "trusted", "rejected")}
+    if any(texts[key] is None for key in ("certificate", "private_key", "trusted")):
+        return
+    from softplc.publishers.opcua.own_certificate import problems  # noqa: PLC0415  only where there is one
+
+    try:
+        security = OpcUaServerSecurity.model_validate(texts, context={"folder": facts.folder})
+    except ValidationError:
+        return  # told where the models are made
+    for key, text in problems(security):
+        path = (*publisher.path, "security", key)
+        yield Problem(*at(below(block, key), publisher.block), path, shown(text, LONG))

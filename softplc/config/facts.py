@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path as FilePath
 from typing import Final
 
 from softplc.config.problem import Path
@@ -52,6 +53,7 @@ class Facts:
     """The lists of a configuration; in `unknown` those that are missing, wrong, or broken off by a syntax error."""
 
     root: Node
+    folder: FilePath = FilePath()  # of the file
     tasks: list[Item] = field(default_factory=list)
     sources: list[Item] = field(default_factory=list)
     axes: list[Item] = field(default_factory=list)
@@ -66,9 +68,9 @@ class Facts:
         return self.source_named.get(tag.source) if tag.source is not None else None
 
 
-def gather(root: Node) -> Facts:
-    """The facts of a tree."""
-    facts = Facts(root)
+def gather(root: Node, folder: FilePath) -> Facts:
+    """The facts of a tree, of a file in this folder."""
+    facts = Facts(root, folder)
     for key in ("tasks", "sources", "axes", "publishers"):
         found = below(root, key)
         getattr(facts, key).extend(_items(root, key))

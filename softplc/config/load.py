@@ -43,7 +43,7 @@ def load_model(path: Path | str, model: type[M]) -> M:
             expansion = expand(document.root, Path(path).parent)
             made, wrong = validate(document.root, model, expansion)
             if issubclass(model, Config):
-                wrong += checks.check(document.root)
+                wrong += checks.check(document.root, Path(path).parent)
             problems += expansion.located(document.root, wrong)
         elif not document.broken:
             wanted = words.expected(schema(model), schema(model))

@@ -1,6 +1,7 @@
 // An OPC-UA client made of node-opcua: one JSON request per line on stdin, one JSON answer per line on stdout.
 //
-//   {"connect": url, "user": name, "password": text}   user and password are optional
+//   {"connect": url, "user": name, "password": text}   user and password are optional; so are "policy" and "mode", as in
+//                                                      Basic256Sha256 and SignAndEncrypt, and "applicationUri"
 //   {"read": [[nodeId, attributeId], ...]}             value, data type, status, timestamps in ms since 1970
 //   {"browse": nodeId}                                 forward hierarchical references
 //   {"translate": [startNodeId, "/2:softplc/2:Axes"]}  node id that a browse path leads to
@@ -42,7 +43,13 @@ const commands = {
             endpointMustExist: false,
             keepSessionAlive: true,
             connectionStrategy: { initialDelay: 100, maxDelay: 500, maxRetry: request.retries || 0 },
-            clientCertificateManager: new opcua.OPCUACertificateManager({ rootFolder: process.argv[2] }),
+            ...(request.policy && { securityPolicy: opcua.SecurityPolicy[request.policy] }),
+            ...(request.mode && { securityMode: opcua.MessageSecurityMode[request.mode] }),
+            ...(request.applicationUri && { applicationUri: request.applicationUri }),
+            clientCertificateManager: new opcua.OPCUACertificateManager({
+                rootFolder: process.argv[2],
+                automaticallyAcceptUnknownCertificate: true,
+            }),
         });
         await client.connect(request.connect);
         const identity = request.user

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import json
 import os
+import time
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ from asyncua import Client, ua
 
 from softplc.clock import VirtualClock
 from softplc.model import Secret
-from softplc.publishers.opcua.config import OpcUaPublisher, OpcUaServerUser
+from softplc.publishers.opcua.config import OpcUaPublisher, OpcUaServerSecurity, OpcUaServerUser
 from softplc.publishers.opcua.hardened.limits import Limits
 from softplc.publishers.opcua.server import OpcUaServer
 from tests.support.exchange import Exchange, make_exchange
@@ -55,15 +56,22 @@ class Served:
 
 @contextlib.asynccontextmanager
 async def serve(
-    limits: Limits | None = None, *, scanned: bool = True, port: int | None = None, fast: bool = True
+    limits: Limits | None = None,
+    *,
+    scanned: bool = True,
+    port: int | None = None,
+    fast: bool = True,
+    security: OpcUaServerSecurity | None = None,
 ) -> AsyncIterator[Served]:
-    """A server on this or a free port over a hand-made exchange."""
-    clock = VirtualClock()
+    """A server on this or a free port over a hand-made exchange; a secured one has today's date."""
+    clock = VirtualClock() if security is None else VirtualClock(utc_ns=time.time_ns())
     exchange = make_exchange(clock)
     if scanned:
         exchange.publish()
     port = port or free_port()
-    server = OpcUaServer(OpcUaPublisher(type="opcua", port=port, users=USERS), exchange.reader, limits, fast=fast)
+    server = OpcUaServer(
+        OpcUaPublisher(type="opcua", port=port, users=USERS, security=security), exchange.reader, limits, fast=fast
+    )
     url = await server.open()
     try:
         yield Served(exchange, clock, server, url, port)

@@ -30,7 +30,6 @@ from softplc.publishers.opcua.properties import Constant, constants_of, leaf_of,
 from softplc.publishers.opcua.values import VARIANT_TYPES, TagValues
 from softplc.tags import Block, TagTable
 
-APPLICATION_URI: Final = "urn:softplc:server"
 NAMESPACE_URI: Final = "urn:softplc:tags"
 NAMESPACE: Final = 2  # index of NAMESPACE_URI: the first that is registered
 

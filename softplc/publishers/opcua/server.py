@@ -20,8 +20,8 @@ import softplc
 from softplc.errors import SoftplcError
 from softplc.exchange import Reader
 from softplc.publishers.opcua.access import Access, AllServices, Users
-from softplc.publishers.opcua.address_space import APPLICATION_URI, NAMESPACE, NAMESPACE_URI, Nodes, TagIndex, node_id
-from softplc.publishers.opcua.config import OpcUaPublisher
+from softplc.publishers.opcua.address_space import NAMESPACE, NAMESPACE_URI, Nodes, TagIndex, node_id
+from softplc.publishers.opcua.config import APPLICATION_URI, OpcUaPublisher
 from softplc.publishers.opcua.fast.reads import Reads
 from softplc.publishers.opcua.fast.seam import proven
 from softplc.publishers.opcua.fast.sweep import Sweep
@@ -29,6 +29,9 @@ from softplc.publishers.opcua.hardened.channel import Listener
 from softplc.publishers.opcua.hardened.decoding import guard_decoding
 from softplc.publishers.opcua.hardened.inner import ClosedServer
 from softplc.publishers.opcua.hardened.limits import Limits, free_files
+from softplc.publishers.opcua.hardened.secured import POLICIES
+from softplc.publishers.opcua.hardened.trust import Trust
+from softplc.publishers.opcua.own_certificate import load_or_make
 from softplc.publishers.opcua.values import TagValues, Watch, utc
 
 _ITEMS_PER_TURN: Final = 256  # tags notified before the loop's other tasks get their turn
@@ -78,6 +81,7 @@ class OpcUaServer:
         host, port = self._config.host, self._config.port
         self._heed_files()
         inner = ClosedServer(Users(self._config.users), self._limits)
+        self._secure(inner)
         self._listener = Listener(inner, host, port, self._limits)
         try:
             await self._listener.bind()
@@ -132,6 +136,22 @@ class OpcUaServer:
         if server is not None:
             await server.iserver.stop()
 
+    def _secure(self, inner: ClosedServer) -> None:
+        """Certificate, key and trust, where they are configured. Raises ConfigError."""
+        security, clock = self._config.security, self._reader.clock
+        if security is None:
+            return
+        inner.certificate, inner.private_key = load_or_make(security, self._config.host, utc(clock.utc_ns()))
+        inner.trust = Trust(security, inner.certificate, clock)
+        inner.trust.make_folders()
+
+    def _policies(self) -> list[Any]:
+        security = self._config.security
+        none = [ua.SecurityPolicyType.NoSecurity]
+        if security is None:
+            return none
+        return [*POLICIES, *(none if security.none else ())]
+
     def _url(self) -> str:
         host = self._config.host
         return f"opc.tcp://{f'[{host}]' if ':' in host else host}:{self._config.port}"
@@ -146,7 +166,7 @@ class OpcUaServer:
             server.application_type = ua.ApplicationType.Server
             server._application_uri = APPLICATION_URI
             server.set_endpoint(self._url())
-            server.set_security_policy([ua.SecurityPolicyType.NoSecurity], permission_ruleset=AllServices())
+            server.set_security_policy(self._policies(), permission_ruleset=AllServices())
             await server.init()
             if await server.register_namespace(NAMESPACE_URI) != NAMESPACE:
                 raise SoftplcError(f"{NAMESPACE_URI} is not namespace {NAMESPACE}: another one was registered first")
@@ -215,7 +235,8 @@ class OpcUaServer:
             )
 
     def _warn_of_network(self) -> None:
-        if not _is_loopback(self._config.host):
+        security = self._config.security
+        if not _is_loopback(self._config.host) and (security is None or security.none):
             log.warning(
                 "opcua server is open to the network without encryption: everyone there reads, passwords go in clear",
                 host=self._config.host,

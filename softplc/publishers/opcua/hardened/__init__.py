@@ -3,6 +3,7 @@
 Proven on asyncua 2.1.0, which pyproject.toml pins exactly; each class says what asyncua does without it.
 `channel`: sockets and connections. `frames`: what their first bytes say. `places`: who gets one when there are not
 enough. `services`: which services exist, and for whom. `session`: sessions, and what each service may do. `inner`:
-what all sessions share. `subscriptions`: subscriptions and monitored items. `view`: browsing. `decoding`: messages
+what all sessions share. `secured`: signed and encrypted channels. `trust`: whose certificates are good for one.
+`subscriptions`: subscriptions and monitored items. `view`: browsing. `decoding`: messages
 that would make more than they hold. `limits`: how much of each.
 """

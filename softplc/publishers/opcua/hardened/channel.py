@@ -15,6 +15,7 @@ from softplc.publishers.opcua.hardened.answers import ClientLimits
 from softplc.publishers.opcua.hardened.frames import HEADER_BYTES, frame_size, is_hello_that_cannot_be
 from softplc.publishers.opcua.hardened.limits import Limits
 from softplc.publishers.opcua.hardened.places import Stage, give_way
+from softplc.publishers.opcua.hardened.secured import Refused
 from softplc.publishers.opcua.hardened.services import Processor
 
 _WAITING: Final = 100  # connections that the system holds until they are accepted
@@ -97,8 +98,12 @@ class Protocol(OPCUAProtocol):  # type: ignore[misc]  # asyncua is untyped here
     async def _process_one_msg(self, header: Any, buf: Any) -> bool:
         try:
             going_on = await super()._process_one_msg(header, buf)
+        except Refused as refused:
+            self._end(refused.code)
+            return False
         except Exception:  # whatever the frame broke, asyncua's state for this connection is not to be trusted
-            self._end(ua.StatusCodes.BadTcpInternalError)
+            secured = self.processor._connection.is_secured  # which step failed would tell of the keys
+            self._end(ua.StatusCodes.BadSecurityChecksFailed if secured else ua.StatusCodes.BadTcpInternalError)
             return False
         if self._paused and not self.messages.qsize() and self.transport is not None:
             self._paused = False

@@ -18,8 +18,10 @@ from softplc.publishers.opcua.hardened.places import (
     anonymous_session_that_gives_way,
     session_that_gives_way,
 )
+from softplc.publishers.opcua.hardened.secured import open_password
 from softplc.publishers.opcua.hardened.session import Session
 from softplc.publishers.opcua.hardened.subscriptions import MonitoredItems, Subscriptions
+from softplc.publishers.opcua.hardened.trust import Trust
 from softplc.publishers.opcua.hardened.view import ReferenceTypes
 from softplc.publishers.opcua.values import Watch
 
@@ -33,6 +35,7 @@ class ClosedServer(InternalServer):  # type: ignore[misc]  # asyncua is untyped 
     """
 
     access: Access
+    trust: Trust | None = None  # None: there is only SecurityPolicy None
     watch: Watch
     reads: Reads | None = None  # None: every Read takes the ordinary way
     sweep: Sweep | None = None  # None: so does every monitored item
@@ -56,6 +59,10 @@ class ClosedServer(InternalServer):  # type: ignore[misc]  # asyncua is untyped 
     def create_session(self, name: Any, user: Any = _ANONYMOUS, external: bool = True) -> Session:
         """A session for a connection; `make_room` was asked before."""
         return Session(self, name, user)
+
+    def decrypt_user_token(self, isession: Any, token: Any) -> tuple[Any, str]:
+        """User name and password. Raises ValueError, and what cryptography raises."""
+        return token.UserName, open_password(token, self.private_key, isession.nonce, isession.channel)
 
     def monitored_items(self, sub: Any) -> MonitoredItems:
         """The monitored items of a new subscription."""

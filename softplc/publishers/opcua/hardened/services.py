@@ -8,9 +8,11 @@ from asyncua.common.utils import NotEnoughData, ServiceError
 from asyncua.server.internal_session import SessionState
 from asyncua.server.uaprocessor import UaProcessor
 from asyncua.ua.ua_binary import struct_to_binary
+from cryptography.exceptions import InvalidSignature
 
 from softplc.publishers.opcua.hardened.decoding import decoded
 from softplc.publishers.opcua.hardened.limits import Limits
+from softplc.publishers.opcua.hardened.secured import Secured
 
 
 def _requests(*names: str) -> frozenset[Any]:
@@ -21,7 +23,8 @@ def _requests(*names: str) -> frozenset[Any]:
 _CREATE_SESSION: Final = _requests("CreateSession")
 _ACTIVATE_SESSION: Final = _requests("ActivateSession")
 _BROWSE_NEXT: Final = _requests("BrowseNext")
-_WITHOUT_SESSION: Final = _requests("FindServers", "GetEndpoints", "CreateSession", "CloseSecureChannel")
+_DISCOVERY: Final = _requests("FindServers", "GetEndpoints", "CloseSecureChannel")
+_WITHOUT_SESSION: Final = _DISCOVERY | _CREATE_SESSION
 # All others answer BadServiceUnsupported: RegisterServer, AddNodes, DeleteNodes, the references, HistoryUpdate, …
 _SERVICES: Final = _WITHOUT_SESSION | _requests(
     "ActivateSession", "CloseSession", "Read", "Write", "Browse", "BrowseNext", "TranslateBrowsePathsToNodeIds",
@@ -37,14 +40,15 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
 
     asyncua: services of administration for everyone, RegisterServer even without a session; messages before a
     channel is open; any number of CreateSession on one connection; requests of one session with another's token;
-    a session that could not be activated stays with the connection; answers pile up for who does not read, and are of
-    any size.
+    a session that could not be activated stays with the connection; any channel takes over a session; answers pile
+    up for who does not read, and are of any size.
     """
 
     def __init__(self, server: Any, transport: Any, transport_limits: TransportLimits, limits: Limits) -> None:
         super().__init__(server, transport, transport_limits)
         self.session: Any = None
         self._own_limits = limits
+        self._connection: Any = Secured(self._limits, server.trust, str((self.name or ("",))[0]))
 
     def send_response(
         self, requesthandle: int, seqhdr: Any, response: Any, msgtype: Any = ua.MessageType.SecureMessage
@@ -93,9 +97,14 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
             raise ServiceError(ua.StatusCodes.BadSecureChannelIdInvalid)
         if typeid not in _SERVICES:
             raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
+        bar = self._connection.bar
+        if bar != ua.StatusCodes.Good and typeid not in _DISCOVERY:
+            raise ServiceError(bar)
         if self.session is not None and self.session.state is SessionState.Closed:
             self.session = None
         before = self.session
+        if typeid in _CREATE_SESSION:
+            self._connection.check_session(decoded(ua.CreateSessionParameters, body.copy()))
         await self._admit(typeid, requesthdr.AuthenticationToken)
         try:
             if typeid in _BROWSE_NEXT:
@@ -106,6 +115,8 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
                 self.session = before
             if isinstance(error, NotEnoughData):  # CloseSession without its parameter
                 raise ServiceError(ua.StatusCodes.BadDecodingError) from error
+            if isinstance(error, InvalidSignature) and typeid in _ACTIVATE_SESSION:
+                raise ServiceError(ua.StatusCodes.BadApplicationSignatureInvalid) from error
             raise
         finally:
             if self.session is not None and self.session is not before:
@@ -131,10 +142,14 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
             if self.session is not None and token != self.session.auth_token:
                 raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
             if typeid in _ACTIVATE_SESSION:
+                session = self.session or self.iserver.lookup_external_session(token)
+                if session is not None and session.channel != self._connection.identity:
+                    raise ServiceError(ua.StatusCodes.BadSecurityChecksFailed)
                 await self.iserver.make_room_for(token)
 
     def _adopt(self, session: Any) -> None:
-        """A session that was activated here is no longer that of the connection it came from."""
+        """A session that was made or activated here is no longer that of the connection it came from."""
+        session.channel = self._connection.identity
         if session.processor is not None:
             session.processor.session = None
         session.processor, session.address = self, str(self.name[0])

@@ -36,6 +36,7 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
         self.address = str(name[0])
         self.auth_token = ua.NodeId(os.urandom(32), 0, ua.NodeIdType.ByteString)
         self._browser = Browser(server.aspace, server.reference_types, server.limits)
+        self.channel: tuple[Any, ...] | None = None  # who it belongs to: what Secured.identity says
         self.processor: Any = None  # the connection that the session is on; None when that was lost
         server.register_external_session(self)
 
