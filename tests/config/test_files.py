@@ -197,3 +197,16 @@ def test_aliases_cannot_nest_deeper_than_lists(tmp_path: Path) -> None:
     lines = report(written(tmp_path, f"{GOOD}a: &a {deep}\nb: {'[' * 20}*a{']' * 20}\n".encode()))
 
     assert any("*a makes more than 32 levels here" in line for line in lines)
+
+
+def test_paths_of_certificates_begin_at_the_folder_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    security = '4841", security: {certificate: own/me.der, private_key: /etc/me.pem}}'
+    (tmp_path / "plant").mkdir()
+    file = written(tmp_path / "plant", GOOD.replace('4841"}', security).encode())
+    monkeypatch.chdir(tmp_path)
+
+    for path, folder in ((file, f"{tmp_path}/plant"), ("plant/x.yaml", "plant")):
+        found = load(path).sources[0].security  # type: ignore[union-attr]
+        assert (found.certificate, found.private_key) == (f"{folder}/own/me.der", "/etc/me.pem")  # type: ignore[union-attr]
