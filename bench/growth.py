@@ -16,7 +16,6 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -50,8 +49,8 @@ class Instant:
         into.source_timestamps[:] = self._clock.utc_ns()
         into.arrivals[:] = self._clock.monotonic()
 
-    async def write(self, values: Mapping[int, float]) -> dict[int, int]:
-        return dict.fromkeys(values, 0)
+    async def write(self, positions: Any, values: Any) -> Any:
+        return np.zeros(len(positions), np.uint32)
 
 
 class Steps:
@@ -111,10 +110,11 @@ def memory(key: str = "VmRSS") -> float:
 async def scan(n: int, write_back: bool, scans: int, profile: bool) -> None:
     from softplc.app.garbage import freeze_garbage
     from softplc.app.layout import build_layout
-    from softplc.app.scan_process import build_tasks
+    from softplc.app.scan_process import build_tasks, build_write_back
     from softplc.exchange import Writer, size
     from softplc.link import Link
     from softplc.scan import LinkPlace
+    from softplc.writeback import WriteBacks
 
     clock, begun = Steps(), time.process_time()
     layout = build_layout(configuration(n, write_back))
@@ -124,8 +124,7 @@ async def scan(n: int, write_back: bool, scans: int, profile: bool) -> None:
     names = [f"V{number}" for number in range(n)]
     link = Link("plc", lambda: Instant(clock, n), place.link._readings, names, clock, 10.0, 10.0, place.link.life)
     task.links = [LinkPlace(link, place.start, place.block)]
-    for each in task.write_backs:
-        each.link = link
+    task.write_backs = WriteBacks([build_write_back(each, link) for each in layout.tasks[0].write_backs])
     freeze_garbage()
     clock.wanted = scans
     profiler = cProfile.Profile()

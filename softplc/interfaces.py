@@ -4,13 +4,19 @@ Each plug-in is one file or folder in its room: a frozen config model with `type
 that the model's `build()` returns, and one name in the family's union in `config.py`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from softplc.clock import Clock
 from softplc.exchange import Reader
 from softplc.tags import Image
 from softplc.timing import Scan
+
+Positions = NDArray[np.intp]
+"""Which of a driver's writings, by their place in the sequence that it was given; each once."""
 
 
 class Driver(Protocol):
@@ -53,8 +59,8 @@ class Driver(Protocol):
         """
         ...
 
-    async def write(self, values: Mapping[int, float]) -> dict[int, int]:
-        """Write engineering values to the writings by position; returns the raw StatusCode of each.
+    async def write(self, positions: Positions, values: NDArray[np.float64]) -> NDArray[np.uint32]:
+        """Write engineering values to the writings at these positions; returns the raw StatusCode of each.
 
         Raises LinkError when the connection is of no more use.
         """

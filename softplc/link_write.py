@@ -8,37 +8,33 @@ turn in between.
 
 import asyncio
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from itertools import islice
 
+import numpy as np
 import structlog
+from numpy.typing import NDArray
 
 from softplc.clock import Clock
 from softplc.errors import LinkError
-from softplc.interfaces import Driver
+from softplc.interfaces import Driver, Positions
 from softplc.log_limit import LogLimit
-from softplc.sample import StatusCode, is_bad, status_name
+from softplc.sample import StatusCode, status_name
 
 _PAUSE_FIRST = 1.0  # seconds after a write that cost the connection; longer each time, so that reading goes on
 _PAUSE_MOST = 60.0
+_BAD = np.uint32(StatusCode.BAD)
+
+Numbers = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 log = structlog.get_logger("softplc.link")
 
 
-@dataclass(frozen=True, slots=True)
-class Written:
-    """The answer to a write: what was written, the raw StatusCode, and the monotonic time of the answer."""
-
-    value: float
-    status: int
-    at: float
-
-
 class Writing:
-    """What one link writes. Counts since start: values `written`, `errors`, and `mismatches` that were read back.
+    """What one link writes, by position. Counts since start: values `written`, `errors`, and `mismatches` read back.
 
-    `fail(driver, reason)` is called when a write cost the connection. `answers` has the newest answer for each
-    position.
+    Of the newest answer to each position: how many there were, `answers` int64[n]; what was written, `answered`
+    float64[n]; the raw StatusCode, `statuses` uint32[n]; and the monotonic time, `times` float64[n].
+    `fail(driver, reason)` is called when a write cost the connection.
     """
 
     def __init__(
@@ -49,42 +45,50 @@ class Writing:
         timeout: float,
         fail: Callable[[Driver, str], None],
     ) -> None:
+        n = len(names)
         self.written = self.errors = self.mismatches = 0
-        self.answers: dict[int, Written] = {}
+        self.answers: NDArray[np.int64] = np.zeros(n, np.int64)
+        self.answered: Numbers = np.zeros(n)
+        self.statuses: NDArray[np.uint32] = np.full(n, StatusCode.GOOD, np.uint32)
+        self.times: Numbers = np.zeros(n)
         self._name, self._names, self._clock, self._timeout, self._fail = name, names, clock, timeout, fail
-        self._pending: dict[int, tuple[float, float]] = {}
-        self._under_way: set[int] = set()
+        self._values, self._until = np.zeros(n), np.zeros(n)
+        self._pending: Flags = np.zeros(n, np.bool_)
+        self._under_way: Flags = np.zeros(n, np.bool_)
+        self._next = 0  # the position whose turn it is, where a request does not take all
         self._task: asyncio.Task[None] | None = None
         self._pause = 0.0
         self._from = float("-inf")
         self._limit = LogLimit()
 
-    def put(self, position: int, value: float, until: float) -> None:
-        """Have a value written; one that is still waiting is replaced by it."""
-        self._pending[position] = value, until
+    def put(self, positions: Positions, values: Numbers, until: float) -> None:
+        """Have values written; those that are still waiting are replaced by them."""
+        self._values[positions] = values
+        self._until[positions] = until
+        self._pending[positions] = True
 
-    def pending(self, position: int) -> bool:
-        """A value was put and nothing was done about it yet."""
-        return position in self._pending
+    def pending(self, positions: Positions) -> Flags:
+        """Where a value was put and nothing was done about it yet."""
+        return self._pending[positions]
 
-    def waiting(self, position: int) -> bool:
-        """A value was put and the source has not answered yet."""
-        return position in self._pending or position in self._under_way
+    def waiting(self, positions: Positions) -> Flags:
+        """Where a value was put and the source has not answered yet."""
+        return self._pending[positions] | self._under_way[positions]
 
-    def withdraw(self, position: int) -> bool:
-        """A value that was put and not written yet is not to be written any more; whether there was one."""
-        return self._pending.pop(position, None) is not None
+    def withdraw(self, positions: Positions) -> None:
+        """Values that were put and not written yet are not to be written any more."""
+        self._pending[positions] = False
 
     def flush(self, driver: Driver | None, turn: asyncio.Lock) -> None:
         """Start writing what was put, unless a write is under way; without a driver it is dropped and counted.
 
         A device that does not answer writes costs the connection each time, so writing pauses longer and longer.
         """
-        if not self._pending:
+        if not self._pending.any():
             return
         if driver is None:
-            self.errors += len(self._pending)
-            self._pending.clear()
+            self.errors += int(np.count_nonzero(self._pending))
+            self._pending.fill(False)
         elif self._clock.monotonic() < self._from:
             return  # what was put waits, and newer values replace it
         elif self._task is None or self._task.done():
@@ -95,8 +99,8 @@ class Writing:
         if self._task is not None and not self._task.done():
             self._task.cancel()
         self._task = None
-        self._pending.clear()
-        self._under_way.clear()
+        self._pending.fill(False)
+        self._under_way.fill(False)
 
     def mismatch(self, position: int, wrote: float, found: float) -> None:
         """Another value was read back than was written."""
@@ -115,54 +119,58 @@ class Writing:
             pass
 
     async def _write_some(self, driver: Driver, turn: asyncio.Lock) -> bool:
-        values: dict[int, float] = {}
+        positions = np.zeros(0, np.intp)
         try:
             async with asyncio.timeout(self._timeout), turn:
-                values = self._take(driver.writes_at_once)
-                if not values:  # withdrawn, or not valid any more
+                positions = self._take(driver.writes_at_once)
+                if not positions.size:  # withdrawn, or not valid any more
                     return False
-                statuses = await driver.write(values)
-            self._note(values, statuses)
+                values = self._values[positions]
+                statuses = await driver.write(positions, values)
+            self._note(positions, values, statuses)
         except (LinkError, TimeoutError) as error:
-            self._lose(driver, values, str(error) or f"write not confirmed within {self._timeout:g} s")
+            self._lose(driver, len(positions), str(error) or f"write not confirmed within {self._timeout:g} s")
             self._pause = min(max(2.0 * self._pause, _PAUSE_FIRST), _PAUSE_MOST)
             self._from = self._clock.monotonic() + self._pause
             self._tell("warning", "writing pauses", seconds=self._pause)
             return False
         except Exception as error:  # a driver's defect is this link's fault alone
             self._tell("exception", "driver failed to write")
-            self._lose(driver, values, repr(error))
+            self._lose(driver, len(positions), repr(error))
             return False
         finally:
-            self._under_way.clear()
+            self._under_way.fill(False)
         self._pause = 0.0
         return True
 
-    def _take(self, most: int) -> dict[int, float]:
-        """The newest values, now that it is our turn. What is not valid any more stays until a newer one comes."""
-        now = self._clock.monotonic()
-        valid = (position for position, (_, until) in self._pending.items() if now <= until)
-        values = {position: self._pending[position][0] for position in islice(valid, most)}
-        for position in values:
-            del self._pending[position]
-        self._under_way = set(values)
-        return values
+    def _take(self, most: int) -> Positions:
+        """Whose newest values are written, now that it is our turn: as many as the device takes, each in its turn.
 
-    def _lose(self, driver: Driver, values: dict[int, float], reason: str) -> None:
-        self.errors += max(len(values), 1)
+        What is not valid any more stays until a newer value comes.
+        """
+        ready = np.flatnonzero(self._pending & (self._clock.monotonic() <= self._until))
+        if ready.size > most:
+            ready = np.roll(ready, -np.searchsorted(ready, self._next))[:most]
+            self._next = int(ready[-1]) + 1
+        self._pending[ready] = False
+        self._under_way[ready] = True
+        return ready
+
+    def _lose(self, driver: Driver, values: int, reason: str) -> None:
+        self.errors += max(values, 1)
         self._fail(driver, reason)
 
-    def _note(self, values: dict[int, float], statuses: dict[int, int]) -> None:
-        now = self._clock.monotonic()
-        for position, value in values.items():
-            status, failed = statuses[position], is_bad(statuses[position])
-            before = self.answers.get(position)
-            self.written += not failed
-            self.errors += failed
-            if status != (StatusCode.GOOD if before is None else before.status):
-                event = "write refused" if failed else "write accepted again"
-                self._tell("warning", event, tag=self._names[position], status=status_name(status))
-            self.answers[position] = Written(value, status, now)
+    def _note(self, positions: Positions, values: Numbers, statuses: NDArray[np.uint32]) -> None:
+        failed = int(np.count_nonzero(statuses >= _BAD))
+        self.written += len(positions) - failed
+        self.errors += failed
+        for one in np.flatnonzero(statuses != self.statuses[positions]):
+            event = "write refused" if statuses[one] >= _BAD else "write accepted again"
+            self._tell("warning", event, tag=self._names[positions[one]], status=status_name(int(statuses[one])))
+        self.answers[positions] += 1
+        self.answered[positions] = values
+        self.statuses[positions] = statuses
+        self.times[positions] = self._clock.monotonic()
 
     def _tell(self, level: str, event: str, **fields: object) -> None:
         room = self._limit.ask(self._clock.monotonic())

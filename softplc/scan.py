@@ -12,10 +12,10 @@ from softplc.exchange import Writer
 from softplc.interfaces import Observer
 from softplc.link import Link
 from softplc.log_limit import LogLimit
-from softplc.sample import StatusCode, WriteState
+from softplc.sample import StatusCode
 from softplc.tags import Block, DataType, Image, Tag
 from softplc.timing import Deadlines, Scan, TaskStatistics, next_deadline
-from softplc.writeback import WriteBack
+from softplc.writeback import WriteBacks
 
 READ_BUDGET = 0.6  # part of the period that a scan waits for replies; later ones serve the next scan
 _STATISTICS = (
@@ -104,7 +104,7 @@ class CyclicTask:
     links: Sequence[LinkPlace]
     inputs: Image
     observers: Sequence[Observer]
-    write_backs: Sequence[WriteBack]
+    write_backs: WriteBacks
     outputs: Image
     block: Block
     section: int
@@ -115,7 +115,6 @@ class CyclicTask:
     statistics: TaskStatistics = field(default_factory=TaskStatistics)
     _refreshed: float = float("-inf")
     _failed: set[int] = field(default_factory=set)
-    _parked: set[int] = field(default_factory=set)  # write-backs
     _told_overruns: int = 0
     _told_at: float = float("-inf")
     _deadlines: Deadlines = field(default_factory=Deadlines)
@@ -208,7 +207,7 @@ class CyclicTask:
         for number, observer in enumerate(self.observers):
             if number not in self._failed:
                 self._step(number, observer, scan)
-        self._write_back(scan)
+        self._attempt("writing back", self.write_backs.step, scan, self.inputs, self.outputs)
         for place in self.links:
             if not self._attempt(f"statistics of {place.link.name}", self._publish_link, place, scan):
                 self._fail(place.block)
@@ -217,29 +216,6 @@ class CyclicTask:
             self._fail(self.block)
         self._attempt("publishing", self.writer.publish, self.section, scan, self.outputs)
         self._attempt("the end of the scan", self.on_scan, scan)
-
-    def _write_back(self, scan: Scan) -> None:
-        """Hand what is due to the links; each axis shows the worst of its write-backs."""
-        worst: dict[int, WriteState] = {}
-        for number, write_back in enumerate(self.write_backs):
-            parked = number in self._parked
-            state = WriteState.PARKED if parked else self._step_write_back(number, write_back, scan)
-            if write_back.state is not None:
-                worst[write_back.state] = max(worst.get(write_back.state, WriteState.NONE), state)
-        for index, shown in worst.items():
-            self.outputs.values[index] = shown
-            self.outputs.statuses[index] = StatusCode.GOOD
-            self.outputs.source_timestamps[index] = scan.timestamp
-
-    def _step_write_back(self, number: int, write_back: WriteBack, scan: Scan) -> WriteState:
-        """A write-back that raises is parked, and writes nothing any more; the others go on."""
-        try:
-            return write_back.step(scan, self.inputs, self.outputs)
-        except Exception:  # a write-back's defect must not end the scan
-            log.exception("write-back parked", task=self.name, write_back=write_back.name)
-            self._parked.add(number)
-            self._attempt(f"withdrawing {write_back.name}", write_back.withdraw)
-            return WriteState.PARKED
 
     def _fail(self, block: Block) -> None:
         self.outputs.fail(StatusCode.BAD_INTERNAL_ERROR, slice(block.start, block.stop))

@@ -1,62 +1,35 @@
-"""When an output is written into a source PLC: on change or every n scans, rate-limited, Good values only."""
+"""When outputs are written into source PLCs: on change or every n scans, rate-limited, Good values only.
 
-from collections import deque
-from dataclasses import dataclass, field
+All write-backs of a task are stepped in arrays; what is Python for each one is what happens rarely: a defect, a line
+in the log.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
+
+import numpy as np
+import structlog
+from numpy.typing import NDArray
 
 from softplc.exchange import DEAD_AFTER_AT_LEAST, DEAD_AFTER_PERIODS
 from softplc.link import Link
-from softplc.link_write import Written
-from softplc.sample import StatusCode, WriteState, is_bad
+from softplc.read_back import Numbers, ReadBack, ReadBacks, Rows
+from softplc.sample import StatusCode, WriteState
 from softplc.tags import Image
 from softplc.timing import Scan
 
-_GOOD: Final = int(StatusCode.GOOD)
-_REMEMBERED: Final = 64  # answered writes, of which any may still be read back
+_GOOD: Final = np.uint32(StatusCode.GOOD)
+_BAD: Final = np.uint32(StatusCode.BAD)
 _ASKED_AGAIN: Final = 1.0  # seconds until a value that was refused is written once more
-_REAL: Final = 2.0**-23  # what a REAL loses of a value, at the most
+
+Flags = NDArray[np.bool_]
+States = NDArray[np.uint8]
+
+log = structlog.get_logger(__name__)
 
 
-@dataclass(slots=True)
-class ReadBack:
-    """The written tag as it is read along: its index in the inputs, and what counts as the same value.
-
-    `tolerance` in the output's unit. `within`: seconds in which an older value may still be read back; one that was
-    never written, or longer ago, is a mismatch.
-    """
-
-    index: int
-    tolerance: float
-    within: float
-    _written: deque[Written] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
-
-    def note(self, written: Written) -> None:
-        """The source took this value."""
-        self._written.append(written)
-
-    def forget(self) -> None:
-        """The link was lost, or the output was not Good: what the source holds is not ours any more."""
-        self._written.clear()
-
-    def found(self, inputs: Image) -> float:
-        """What was read back last."""
-        return inputs.values.item(self.index)
-
-    def judge(self, now: float, inputs: Image) -> WriteState:
-        """Compare what was read in this scan with what was written lately."""
-        status = inputs.statuses.item(self.index)
-        if status != _GOOD:
-            return WriteState.UNVERIFIED if is_bad(status) else WriteState.WAITING
-        value = self.found(inputs)
-        for written in reversed(self._written):
-            if abs(value - written.value) <= self.tolerance + _REAL * abs(written.value):
-                return WriteState.WRITTEN
-            if now - written.at > self.within:
-                return WriteState.MISMATCH
-        return WriteState.MISMATCH if len(self._written) == _REMEMBERED else WriteState.WAITING
-
-
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class WriteBack:
     """One output tag and where it goes. `min_interval` in seconds, `deadband` in the tag's unit.
 
@@ -74,74 +47,151 @@ class WriteBack:
     name: str = ""
     state: int | None = None
     judge: int | None = None
-    _last_value: float | None = None
-    _last_time: float = float("-inf")
-    _answer: Written | None = None
-    _differs: bool = False
 
-    def step(self, scan: Scan, inputs: Image, outputs: Image) -> WriteState:
-        """Hand the value to the link when it is due; how the write-back is.
+
+class WriteBacks:
+    """All write-backs of one task. One that raises is parked, and writes nothing any more; the others go on."""
+
+    def __init__(self, write_backs: Sequence[WriteBack], task: str = "") -> None:
+        self._task = task
+        links = list(dict.fromkeys(one.link for one in write_backs))
+        self._groups = [_IntoLink(link, [one for one in write_backs if one.link is link]) for link in links]
+        shown = [-1 if one.state is None else one.state for group in self._groups for one in group.write_backs]
+        self._order = np.argsort(shown, kind="stable")  # the write-backs of an axis side by side
+        self._shown, self._firsts = np.unique(np.array(shown, np.intp)[self._order], return_index=True)
+
+    def step(self, scan: Scan, inputs: Image, outputs: Image) -> None:
+        """Hand what is due to the links; each axis shows the worst of its write-backs."""
+        for group in self._groups:
+            self._step(group, group.rows, scan, inputs, outputs)
+        if not self._groups:
+            return
+        states = np.concatenate([group.states for group in self._groups])[self._order]
+        worst = np.maximum.reduceat(states, self._firsts)
+        shown = self._shown >= 0
+        outputs.values[self._shown[shown]] = worst[shown]
+        outputs.statuses[self._shown[shown]] = _GOOD
+        outputs.source_timestamps[self._shown[shown]] = scan.timestamp
+
+    def _step(self, group: "_IntoLink", rows: Rows, scan: Scan, inputs: Image, outputs: Image) -> None:
+        """Step these; when they raise, halves of them, down to those that raise alone."""
+        try:
+            group.step(rows, scan, inputs, outputs)
+        except Exception:  # a write-back's defect must not end the scan
+            if len(rows) == 1:
+                log.exception("write-back parked", task=self._task, write_back=group.write_backs[rows[0]].name)
+                group.park(rows[0])
+            else:
+                self._step(group, rows[: len(rows) // 2], scan, inputs, outputs)
+                self._step(group, rows[len(rows) // 2 :], scan, inputs, outputs)
+
+
+class _IntoLink:
+    """The write-backs into one source. Arrays[n]; `rows` are those that are stepped, all that are not parked.
+
+    `states`: their WriteState.
+    """
+
+    def __init__(self, link: Link, write_backs: Sequence[WriteBack]) -> None:
+        n = len(write_backs)
+        self.write_backs, self._link = write_backs, link
+        self.rows: Rows = np.arange(n)
+        self.states: States = np.zeros(n, np.uint8)
+        self._positions = np.array([one.position for one in write_backs], np.intp)
+        self._indices = np.array([one.index for one in write_backs], np.intp)
+        self._judges = np.array([one.index if one.judge is None else one.judge for one in write_backs], np.intp)
+        self._deadbands = np.array([one.deadband for one in write_backs])
+        self._every = np.array([one.every_scans or 0 for one in write_backs], np.int64)  # 0: on change
+        self._intervals = np.array([one.min_interval for one in write_backs])
+        read_backs = [one.read_back for one in write_backs if one.read_back is not None]
+        self._read_backs = ReadBacks(read_backs)
+        self._verified: Flags = np.array([one.read_back is not None for one in write_backs], np.bool_)
+        self._read_back = np.cumsum(self._verified) - 1  # which of the read-backs, where it is one
+
+        self._last_values = np.zeros(n)
+        self._last_times = np.full(n, -np.inf)
+        self._anew: Flags = np.ones(n, np.bool_)  # due with its next Good value
+        self._answers = np.zeros(n, np.int64)  # that were noticed
+        self._differs: Flags = np.zeros(n, np.bool_)  # a mismatch that was told
+
+    @np.errstate(all="ignore")
+    def step(self, rows: Rows, scan: Scan, inputs: Image, outputs: Image) -> None:
+        """Hand these values to the link where they are due.
 
         What still waits to be written is withdrawn when the output is not Good any more, and takes the newest value
         with every scan while it is. After that, and after a reconnect, the next Good value is due; what was refused
         is due again after a second. A value is valid for as long as the scan that it comes from counts as alive.
         """
-        writing = self.link.writing
-        answer = writing.answers.get(self.position)
-        if answer is not self._answer:
-            self._answer = answer
-            if self.read_back is not None and answer is not None and not is_bad(answer.status):
-                self.read_back.note(answer)
-        if not self.link.statistics.connected:
-            self._start_anew()
-            return WriteState.WITHHELD
-        if outputs.statuses.item(self.index if self.judge is None else self.judge) != _GOOD:
-            writing.withdraw(self.position)
-            self._start_anew()
-            return WriteState.WITHHELD
-        waited = writing.waiting(self.position)
-        value = outputs.values.item(self.index)
-        if writing.pending(self.position) or self._due(scan, value):
-            until = scan.start + max(DEAD_AFTER_PERIODS * scan.period, DEAD_AFTER_AT_LEAST)
-            writing.put(self.position, value, until)
-            self._last_value, self._last_time = value, scan.start
-        return self._judge(scan, inputs, waited)
-
-    def withdraw(self) -> None:
-        """Nothing of this is written any more."""
-        self.link.writing.withdraw(self.position)
-
-    def _start_anew(self) -> None:
-        self._last_value = None
-        if self.read_back is not None:
-            self.read_back.forget()
-
-    def _due(self, scan: Scan, value: float) -> bool:
-        if scan.start - self._last_time < self.min_interval:
-            return False
-        if self.every_scans is not None:
-            return scan.number % self.every_scans == 0
-        if self._last_value is None or abs(value - self._last_value) > self.deadband:
-            return True
-        refused = self._answer is not None and is_bad(self._answer.status)
-        return refused and scan.start - self._last_time >= _ASKED_AGAIN
-
-    def _judge(self, scan: Scan, inputs: Image, waited: bool) -> WriteState:
-        if self._answer is None:
-            return WriteState.WAITING if waited else WriteState.NONE
-        if is_bad(self._answer.status):
-            return WriteState.REFUSED
-        state = WriteState.WRITTEN if self.read_back is None else self.read_back.judge(scan.start, inputs)
-        self._tell(state, inputs)
-        return WriteState.WAITING if waited and state is WriteState.WRITTEN else state
-
-    def _tell(self, state: WriteState, inputs: Image) -> None:
-        """One line when another value is read back than was written, one when that is over."""
-        if self.read_back is None or self._answer is None:
+        writing = self._link.writing
+        self._take_answers(rows)
+        if not self._link.statistics.connected:
+            self._withhold(rows)
             return
-        if state is WriteState.MISMATCH and not self._differs:
-            self._differs = True
-            self.link.writing.mismatch(self.position, self._answer.value, self.read_back.found(inputs))
-        elif state is WriteState.WRITTEN and self._differs:
-            self._differs = False
-            self.link.writing.match(self.position)
+        good = outputs.statuses[self._judges[rows]] == _GOOD
+        if not good.all():
+            writing.withdraw(self._positions[rows[~good]])
+            self._withhold(rows[~good])
+            rows = rows[good]
+        positions, values = self._positions[rows], outputs.values[self._indices[rows]]
+        waited = writing.waiting(positions)
+        due = writing.pending(positions) | self._due(rows, scan, values)
+        until = scan.start + max(DEAD_AFTER_PERIODS * scan.period, DEAD_AFTER_AT_LEAST)
+        writing.put(positions[due], values[due], until)
+        self._last_values[rows[due]], self._last_times[rows[due]] = values[due], scan.start
+        self._anew[rows[due]] = False
+        self._judge(rows, scan, inputs, waited)
+
+    def park(self, row: int) -> None:
+        """Nothing of this is written any more."""
+        self.rows = self.rows[self.rows != row]
+        self.states[row] = WriteState.PARKED
+        self._link.writing.withdraw(self._positions[[row]])
+
+    def _take_answers(self, rows: Rows) -> None:
+        """Remember what the source took since the last scan, for it may be read back."""
+        writing, positions = self._link.writing, self._positions[rows]
+        answered = writing.answers[positions] != self._answers[rows]
+        taken = answered & self._verified[rows] & (writing.statuses[positions] < _BAD)
+        if taken.any():
+            where = positions[taken]
+            self._read_backs.note(self._read_back[rows[taken]], writing.answered[where], writing.times[where])
+        self._answers[rows] = writing.answers[positions]
+
+    def _withhold(self, rows: Rows) -> None:
+        self.states[rows] = WriteState.WITHHELD
+        self._anew[rows] = True
+        self._read_backs.forget(self._read_back[rows[self._verified[rows]]])
+
+    def _due(self, rows: Rows, scan: Scan, values: Numbers) -> Flags:
+        since, every = scan.start - self._last_times[rows], self._every[rows]
+        moved = self._anew[rows] | (np.abs(values - self._last_values[rows]) > self._deadbands[rows])
+        refused = self._refused(rows) & (since >= _ASKED_AGAIN)
+        wanted = np.where(every > 0, scan.number % np.maximum(every, 1) == 0, moved | refused)
+        return wanted & (since >= self._intervals[rows])
+
+    def _refused(self, rows: Rows) -> Flags:
+        refused: Flags = self._link.writing.statuses[self._positions[rows]] >= _BAD
+        return refused
+
+    def _judge(self, rows: Rows, scan: Scan, inputs: Image, waited: Flags) -> None:
+        """The states of those that are not withheld; `waited`: for the source's answer, before this scan."""
+        answered, refused = self._answers[rows] > 0, self._refused(rows)
+        states = np.where(answered, WriteState.WRITTEN, WriteState.NONE).astype(np.uint8)
+        checked = np.flatnonzero(answered & ~refused & self._verified[rows])
+        if checked.size:
+            states[checked] = self._read_backs.judge(self._read_back[rows[checked]], scan.start, inputs)
+            self._tell(rows[checked], states[checked], inputs)
+        states[waited & (states <= WriteState.WRITTEN)] = WriteState.WAITING
+        states[refused] = WriteState.REFUSED
+        self.states[rows] = states
+
+    def _tell(self, rows: Rows, states: States, inputs: Image) -> None:
+        """One line when another value is read back than was written, one when that is over."""
+        writing = self._link.writing
+        for row in rows[(states == WriteState.MISMATCH) & ~self._differs[rows]]:
+            position, found = self._positions[row], self._read_backs.found(self._read_back[row], inputs)
+            writing.mismatch(position, writing.answered.item(position), found)
+        for row in rows[(states == WriteState.WRITTEN) & self._differs[rows]]:
+            writing.match(self._positions[row])
+        self._differs[rows] |= states == WriteState.MISMATCH
+        self._differs[rows] &= states != WriteState.WRITTEN

@@ -69,22 +69,20 @@ async def test_dispatching_commands_that_raises_ends_nothing():
 
 
 async def test_a_write_back_that_raises_is_parked_with_what_it_had_put_and_its_neighbour_goes_on():
-    rig = Rig(readings=2)
+    rig = Rig(readings=2, writings=("w", "v"))
     rig.device.values = [1.0, 0.0]
     bad = WriteBack(rig.echo.start, rig.link, 0, name="Echo.0", state=rig.echo.start + 1, every_scans=1)
     good = WriteBack(rig.echo.start, rig.link, 1, every_scans=1)
-    rig.link.writing._names = ["w", "v"]
+    rig.write_backs(bad, good)
+    (group,) = rig.task.write_backs._groups
+    step = group.step
 
-    class Broken:
-        state, name, withdraw = bad.state, bad.name, bad.withdraw
+    def broken(rows, scan, inputs, outputs):
+        step(rows, scan, inputs, outputs)
+        if 0 in rows and scan.number >= 3:
+            raise DefectError
 
-        def step(self, scan, inputs, outputs):
-            if scan.number == 3:
-                bad.step(scan, inputs, outputs)
-                raise DefectError
-            return bad.step(scan, inputs, outputs)
-
-    rig.write_backs(Broken(), good)
+    group.step = broken
     with structlog.testing.capture_logs() as lines:
         await rig.run(10)
     assert [line["write_back"] for line in events(lines, "write-back parked")] == ["Echo.0"]

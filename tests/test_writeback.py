@@ -2,11 +2,13 @@
 
 import asyncio
 
+import numpy as np
 import structlog
 
 from softplc.clock import SystemClock, VirtualClock
+from softplc.read_back import ReadBack
 from softplc.sample import StatusCode, WriteState
-from softplc.writeback import ReadBack, WriteBack
+from softplc.writeback import WriteBack
 from tests.support.network import eventually
 from tests.support.tasks import Rig
 
@@ -35,11 +37,10 @@ async def test_a_slow_writer_gets_the_newest_value_each_time_and_publishing_goes
     rig = rig_with(SystemClock(), timeout=30.0)
     newest, stamps, states, released = [], [], set(), asyncio.Event()
 
-    async def slow(values, write=None):
-        newest.append((values[0], rig.device.values[0]))
-        rig.device.written.append(dict(values))
+    async def slow(positions, values):
+        newest.append((float(values[0]), rig.device.values[0]))
         await released.wait()
-        return dict.fromkeys(values, 0)
+        return np.zeros(len(positions), np.uint32)
 
     driver = rig.device.driver
 
@@ -106,7 +107,7 @@ async def test_a_value_that_waited_for_its_turn_while_the_machine_slept_is_not_w
 
 
 async def test_a_device_that_takes_one_value_at_a_time_is_read_between_two_of_them():
-    rig = Rig(SystemClock(), period=PERIOD)
+    rig = Rig(SystemClock(), period=PERIOD, writings="abcdef")
     order = []
     driver = rig.device.driver
 
@@ -119,17 +120,16 @@ async def test_a_device_that_takes_one_value_at_a_time_is_read_between_two_of_th
             order.append("read")
             await read(into)
 
-        async def noted_write(values):
+        async def noted_write(positions, values):
             order.append("write")
-            assert len(values) == 1
+            assert len(positions) == 1
             await asyncio.sleep(0.03)
-            return await write(values)
+            return await write(positions, values)
 
         made.read, made.write = noted_read, noted_write
         return made
 
     rig.link._make_driver = make
-    rig.link.writing._names = ["a", "b", "c", "d", "e", "f"]
 
     def put(scan):
         if scan.number == 1:

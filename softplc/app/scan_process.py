@@ -22,10 +22,11 @@ from softplc.config.remarks import remarks
 from softplc.errors import ConfigError
 from softplc.exchange import Writer
 from softplc.link import Link
+from softplc.read_back import ReadBack
 from softplc.scan import CyclicTask, LinkPlace
 from softplc.tags import Image
 from softplc.timing import Scan
-from softplc.writeback import ReadBack, WriteBack
+from softplc.writeback import WriteBack, WriteBacks
 
 _REPLAY_TIMEOUT = 10.0
 
@@ -96,7 +97,9 @@ def _build_task(
         links=[LinkPlace(links[source.source.name], source.start, source.block) for source in layout.sources],
         inputs=Image(layout.inputs),
         observers=[build_observer(group, kernel, clock) for group in layout.observers],
-        write_backs=[_build_write_back(each, links[each.source]) for each in layout.write_backs],
+        write_backs=WriteBacks(
+            [build_write_back(each, links[each.source]) for each in layout.write_backs], layout.task.name
+        ),
         outputs=image,
         block=layout.block,
         section=layout.section,
@@ -106,7 +109,8 @@ def _build_task(
     )
 
 
-def _build_write_back(layout: WriteBackLayout, link: Link) -> WriteBack:
+def build_write_back(layout: WriteBackLayout, link: Link) -> WriteBack:
+    """A write-back of the layout, into the link of its source."""
     config = layout.config
     read_back = None
     if layout.read_back is not None:

@@ -2,7 +2,7 @@
 
 import csv
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,7 +12,7 @@ from pydantic import Field
 
 from softplc.clock import Clock
 from softplc.errors import LinkError
-from softplc.interfaces import Driver
+from softplc.interfaces import Driver, Positions
 from softplc.model import Model, Name
 from softplc.sample import StatusCode
 from softplc.tags import Image
@@ -96,9 +96,9 @@ class ReplayDriver:
         rows = len(self._times)
         return float(self._times[-1] / (rows - 1)) if rows > 1 else math.inf
 
-    async def write(self, values: Mapping[int, float]) -> dict[int, int]:
+    async def write(self, positions: Positions, values: NDArray[np.float64]) -> NDArray[np.uint32]:
         """Nothing can be written into a recording."""
-        return dict.fromkeys(values, int(StatusCode.BAD_NOT_WRITABLE))
+        return np.full(len(positions), StatusCode.BAD_NOT_WRITABLE, np.uint32)
 
     async def close(self) -> None:
         """Nothing to let go."""

@@ -12,6 +12,7 @@ from softplc.errors import ConfigError, LinkError
 from softplc.interfaces import Driver
 from softplc.tags import Image
 from tests.drivers_modbus.support import opened, plain_device, pymodbus_server, read, source, tag
+from tests.support.drivers import write_values
 
 
 def test_build_makes_a_driver():
@@ -100,7 +101,7 @@ async def test_two_tags_on_one_address_both_read_it():
 async def test_a_source_that_is_only_written_opens_and_reads_nothing():
     async with pymodbus_server(plain_device()) as port, opened(source(port), [], [tag(40001)]) as driver:
         await driver.read(Image(0))
-        assert await driver.write({}) == {}
+        assert await write_values(driver, {}) == {}
 
 
 async def test_a_driver_that_is_not_open_is_an_error_and_closes_quietly():
@@ -109,7 +110,7 @@ async def test_a_driver_that_is_not_open_is_an_error_and_closes_quietly():
     with pytest.raises(LinkError, match="not open"):
         await driver.read(Image(1))
     with pytest.raises(LinkError, match="not open"):
-        await driver.write({0: 1.0})
+        await write_values(driver, {0: 1.0})
     await driver.close()
 
 

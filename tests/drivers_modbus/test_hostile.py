@@ -14,6 +14,7 @@ from softplc.sample import StatusCode
 from softplc.tags import Image
 from tests.drivers_modbus.scripted import REGISTERS, SHORT, TAGS, answering, honest, server
 from tests.drivers_modbus.support import opened, read, source
+from tests.support.drivers import write_values
 
 
 def patched(position: int, value: int) -> Callable[[bytes], bytes]:
@@ -105,7 +106,7 @@ async def test_after_one_wrong_reply_right_ones_are_not_taken_either():
 )
 async def test_a_write_that_the_device_refuses_or_changes_is_a_status(pdu, status):
     async with server(answering(with_pdu(pdu))) as port, opened(source(port), TAGS, TAGS[:1]) as driver:
-        assert await driver.write({0: 5.0}) == {0: status}
+        assert await write_values(driver, {0: 5.0}) == {0: status}
 
 
 @pytest.mark.parametrize(
@@ -114,7 +115,7 @@ async def test_a_write_that_the_device_refuses_or_changes_is_a_status(pdu, statu
 async def test_a_reply_that_does_not_fit_its_write_ends_the_link(pdu):
     async with server(answering(with_pdu(pdu))) as port, opened(source(port), TAGS, TAGS[:1]) as driver:
         with pytest.raises(LinkError, match="40001 / holding:0: reply"):
-            await driver.write({0: 5.0})
+            await write_values(driver, {0: 5.0})
 
 
 async def test_half_a_reply_and_then_silence_is_a_lost_link():

@@ -16,6 +16,7 @@ from softplc.errors import LinkError
 from softplc.tags import Image
 from tests.drivers_modbus.scripted import REGISTERS, SHORT, TAGS, answering, honest, server
 from tests.drivers_modbus.support import GENEROUS, descriptors, opened, read, running_peer, source
+from tests.support.drivers import write_values
 from tests.support.network import eventually, free_port
 
 
@@ -134,7 +135,7 @@ async def test_a_read_and_a_write_at_once_never_have_two_requests_outstanding():
             async with asyncio.TaskGroup() as tasks:
                 for image in images:
                     tasks.create_task(driver.read(image))
-                    tasks.create_task(driver.write({0: 258.0, 2: 1.0}))
+                    tasks.create_task(write_values(driver, {0: 258.0, 2: 1.0}))
 
     assert most == 1
     assert all(image.values.tolist() == [258.0, 258.0, 1.0] for image in images)

@@ -7,6 +7,7 @@ import pytest
 
 from softplc.sample import StatusCode
 from tests.drivers_modbus.support import opened, read, running_peer, source, tag
+from tests.support.drivers import write_values
 
 ORDERS = ("ABCD", "CDAB", "BADC", "DCBA")
 VALUES = {
@@ -63,7 +64,7 @@ async def test_every_type_and_order_is_written_as_the_peer_decodes_it_and_reads_
     tags = [tag(f"holding:{o}", t, byte_order=order_of(t, b)) for t, b, o in cases]
 
     async with opened(source(peer.port), tags, tags) as driver:
-        statuses = await driver.write({i: float(VALUES[t]) for i, (t, _, _) in enumerate(cases)})
+        statuses = await write_values(driver, {i: float(VALUES[t]) for i, (t, _, _) in enumerate(cases)})
         image = await read(driver, len(tags))
 
     assert statuses == dict.fromkeys(range(len(cases)), StatusCode.GOOD)
@@ -83,7 +84,7 @@ async def test_coils_and_discrete_inputs_read_as_bits_and_coils_are_written(peer
 
     async with opened(source(peer.port, max_gap=8), tags, [tag("coil:5", "bool"), tag("coil:0", "bool")]) as driver:
         image = await read(driver, len(tags))
-        assert await driver.write({0: 1.0, 1: 0.0}) == {0: StatusCode.GOOD, 1: StatusCode.GOOD}
+        assert await write_values(driver, {0: 1.0, 1: 0.0}) == {0: StatusCode.GOOD, 1: StatusCode.GOOD}
         after = await read(driver, len(tags))
 
     assert image.values.tolist() == [float(o in on) for o in offsets] * 2
@@ -97,7 +98,7 @@ async def test_scale_and_offset_make_the_engineering_value_both_ways(peer):
 
     async with opened(source(peer.port), [temperature], [temperature]) as driver:
         assert (await read(driver, 1)).values.tolist() == [20.0]
-        assert await driver.write({0: -5.12}) == {0: StatusCode.GOOD}
+        assert await write_values(driver, {0: -5.12}) == {0: StatusCode.GOOD}
 
     assert await peer.get("holding", 0, "int16") == "-12"
 
@@ -122,7 +123,7 @@ async def test_values_in_several_registers_are_written_in_one_request(peer):
     tags = [tag("holding:10", "float64"), tag("holding:14", "uint16"), tag("coil:3", "bool")]
 
     async with opened(source(peer.port), [], tags) as driver:
-        await driver.write({0: 1.5, 1: 7.0, 2: 1.0})
+        await write_values(driver, {0: 1.5, 1: 7.0, 2: 1.0})
 
     assert [request[:2] for request in await peer.requests()] == [(16, 10), (6, 14), (5, 3)]
 
@@ -130,8 +131,8 @@ async def test_values_in_several_registers_are_written_in_one_request(peer):
 async def test_a_device_without_function_6_is_written_with_function_16(peer):
     await peer.ask("refuseSingle", code=1)
     async with opened(source(peer.port), [], [tag("holding:4", "int16")]) as driver:
-        assert await driver.write({0: -3.0}) == {0: StatusCode.GOOD}
-        assert await driver.write({0: -4.0}) == {0: StatusCode.GOOD}
+        assert await write_values(driver, {0: -3.0}) == {0: StatusCode.GOOD}
+        assert await write_values(driver, {0: -4.0}) == {0: StatusCode.GOOD}
 
     assert [request[:2] for request in await peer.requests()] == [(6, 4), (16, 4), (16, 4)]
     assert await peer.get("holding", 4, "int16") == "-4"
@@ -159,7 +160,7 @@ async def test_an_exception_response_is_the_status_of_that_requests_tags_alone(p
 
     async with opened(source(peer.port), tags, tags) as driver:
         image = await read(driver, 2)
-        written = await driver.write({0: 6.0, 1: 6.0})
+        written = await write_values(driver, {0: 6.0, 1: 6.0})
 
     assert image.statuses.tolist() == [StatusCode.GOOD, status]
     assert image.values[0] == 5.0
@@ -227,7 +228,7 @@ async def test_what_is_not_writable_or_does_not_fit_is_a_status_and_is_not_sent(
     tags = [tag("input:0", "int16"), tag("discrete:0", "bool"), tag("holding:0", "int16"), tag("holding:2")]
 
     async with opened(source(peer.port), [], tags) as driver:
-        statuses = await driver.write({0: 1.0, 1: 1.0, 2: 40000.0, 3: math.nan})
+        statuses = await write_values(driver, {0: 1.0, 1: 1.0, 2: 40000.0, 3: math.nan})
 
     assert statuses == {
         0: StatusCode.BAD_NOT_WRITABLE,

@@ -14,6 +14,7 @@ from softplc.drivers.modbus.config import RtuOverTcpTransport, RtuTransport
 from softplc.errors import LinkError
 from softplc.sample import StatusCode
 from tests.drivers_modbus.support import descriptors, opened, plain_device, pymodbus_server, read, source, tag
+from tests.support.drivers import write_values
 from tests.support.network import eventually
 
 TAGS = [
@@ -33,7 +34,7 @@ async def assert_reads_and_writes(config) -> None:
         image = await read(driver, len(TAGS))
         assert image.values[:6].tolist() == EXPECTED
         assert image.statuses.tolist() == [StatusCode.GOOD] * 6 + [StatusCode.BAD_CONFIGURATION_ERROR]
-        assert await driver.write({1: 1.0, 3: 77.0, 4: 3e9}) == dict.fromkeys((1, 3, 4), StatusCode.GOOD)
+        assert await write_values(driver, {1: 1.0, 3: 77.0, 4: 3e9}) == dict.fromkeys((1, 3, 4), StatusCode.GOOD)
         image = await read(driver, len(TAGS))
         assert image.values[[1, 3, 4]].tolist() == [1.0, 77.0, 3e9]
 

@@ -3,8 +3,12 @@
 import asyncio
 from collections.abc import Mapping
 
+import numpy as np
+from numpy.typing import NDArray
+
 from softplc.clock import Clock
 from softplc.errors import LinkError
+from softplc.interfaces import Driver, Positions
 from softplc.tags import Image
 
 
@@ -61,12 +65,12 @@ class DeviceDriver:
         into.source_timestamps[:] = device.clock.utc_ns() if device.stamps is None else device.stamps
         into.arrivals[:] = device.clock.monotonic()
 
-    async def write(self, values: Mapping[int, float]) -> dict[int, int]:
+    async def write(self, positions: Positions, values: NDArray[np.float64]) -> NDArray[np.uint32]:
         await self._answer()
         if self._device.deaf_to_writes:
             raise LinkError("write not confirmed")
-        self._device.written.append(dict(values))
-        return dict.fromkeys(values, self._device.write_status)
+        self._device.written.append(dict(zip(positions.tolist(), values.tolist(), strict=True)))
+        return np.full(len(positions), self._device.write_status, np.uint32)
 
     async def close(self) -> None:
         self._device.closed += 1
@@ -86,3 +90,11 @@ class DeviceDriver:
                 await asyncio.sleep(0.001)
         finally:
             device.outstanding -= 1
+
+
+async def write_values(driver: Driver, values: Mapping[int, float]) -> dict[int, int]:
+    """Write to a driver by position; the status of each."""
+    positions = np.array(list(values), np.intp)
+    statuses = await driver.write(positions, np.array(list(values.values()), np.float64))
+    assert statuses.dtype == np.uint32
+    return dict(zip(values, statuses.tolist(), strict=True))

@@ -11,7 +11,7 @@ from softplc.link import Link
 from softplc.scan import CyclicTask, LinkPlace, source_tags, task_tags
 from softplc.tags import Image, Tag, TagTable
 from softplc.timing import Scan
-from softplc.writeback import WriteBack
+from softplc.writeback import WriteBack, WriteBacks
 from tests.support.drivers import Device
 
 
@@ -48,6 +48,7 @@ class Rig:
         readings: int = 1,
         timeout: float = 0.2,
         life: Life | None = None,
+        writings: Sequence[str] = ("w",),
     ) -> None:
         self.clock = clock or VirtualClock()
         self.device = Device(self.clock, readings)
@@ -61,7 +62,7 @@ class Rig:
         buffer = bytearray(size(table))
         self.reader = Reader(buffer, table, self.clock)
         self.link = Link(
-            "plc", self.device.driver, [f"r{k}" for k in range(readings)], ["w"], self.clock, timeout, 1.0, life
+            "plc", self.device.driver, [f"r{k}" for k in range(readings)], writings, self.clock, timeout, 1.0, life
         )
         self.echo = Echo(echo.start)
         self.task = CyclicTask(
@@ -72,7 +73,7 @@ class Rig:
             links=[LinkPlace(self.link, 0, source)],
             inputs=Image(readings),
             observers=[self.echo],
-            write_backs=[],
+            write_backs=WriteBacks([]),
             outputs=Image(len(table)),
             block=block,
             section=0,
@@ -90,7 +91,7 @@ class Rig:
         self.task.observers = observers
 
     def write_backs(self, *write_backs: WriteBack) -> None:
-        self.task.write_backs = write_backs
+        self.task.write_backs = WriteBacks(write_backs)
 
     async def run(self, scans: int, each: Callable[[Scan], None] = lambda _: None) -> Sequence[Scan]:
         """Scan so many times; `each` is called after every scan."""

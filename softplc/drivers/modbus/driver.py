@@ -6,9 +6,12 @@ reply that does not fit its request, and silence, end the connection with a Link
 the source timestamp of a sample is the wall time at which its reply arrived.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from softplc.clock import Clock
 from softplc.drivers.modbus.address import LAST_OFFSET, Address, parse_address
@@ -29,6 +32,7 @@ from softplc.drivers.modbus.plan import Limits, Request, Span
 from softplc.drivers.modbus.polling import Answer, PollState, Question, Round, Value
 from softplc.drivers.modbus.tcp import TcpFraming
 from softplc.errors import ConfigError, LinkError
+from softplc.interfaces import Positions
 from softplc.sample import StatusCode
 from softplc.tags import Image
 
@@ -89,13 +93,14 @@ class ModbusDriver:
         """Fill `into`, one entry for each reading, from the device. Raises LinkError."""
         await self._read(into, _SEARCH_SHARE * self._config.timeout_ms / 1000.0)
 
-    async def write(self, values: Mapping[int, float]) -> dict[int, int]:
-        """Write engineering values to the writings by position; returns the raw StatusCode of each. Raises LinkError.
+    async def write(self, positions: Positions, values: NDArray[np.float64]) -> NDArray[np.uint32]:
+        """Write engineering values to these writings; returns the raw StatusCode of each. Raises LinkError.
 
         Every value is written in one request, so that the device never sees half of it. BadNotWritable for a
         read-only table, BadOutOfRange for what the data type cannot hold.
         """
-        return {position: await self._write(self._writings[position], value) for position, value in values.items()}
+        pairs = zip(positions, values.tolist(), strict=True)
+        return np.array([await self._write(self._writings[position], value) for position, value in pairs], np.uint32)
 
     async def close(self) -> None:
         """Let go of the connection, at once and without raising."""

@@ -14,11 +14,13 @@ REBIND seconds, for a PLC's server may be up before its program is.
 import asyncio
 import contextlib
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
 from asyncua import ua
+from numpy.typing import NDArray
 
 from softplc.clock import Clock
 from softplc.drivers.opcua.binding import Binding, bind, group, put, read_value, server_time
@@ -28,15 +30,14 @@ from softplc.drivers.opcua.fast.notification import Changes, Published
 from softplc.drivers.opcua.fast.plain import SlowState
 from softplc.drivers.opcua.fast.read import ReadPlan, plan_reads
 from softplc.drivers.opcua.fast.seam import proven
-from softplc.drivers.opcua.fast.write import Writes
-from softplc.drivers.opcua.loops import find_loops
 from softplc.drivers.opcua.session import Session, batches, within
 from softplc.drivers.opcua.subscription import Subscription
 from softplc.drivers.opcua.types import first_types
-from softplc.drivers.opcua.values import encode, write_value
 from softplc.drivers.opcua.witnesses import Witnesses
+from softplc.drivers.opcua.writing import Writings
 from softplc.errors import LinkError
-from softplc.sample import StatusCode, is_bad
+from softplc.interfaces import Positions
+from softplc.sample import is_bad
 from softplc.tags import Image
 
 REBIND: Final = 5.0
@@ -75,9 +76,6 @@ class OpcUaDriver:
         self._clock = clock
         self._period = period
         self._readings = group(readings, first_types(config))
-        self._writings = [group([tag])[0] for tag in writings]
-        self._indices = [tag.index for tag in writings]
-        self._loops: dict[int, str] = {}  # writings that are never written: they are read as well
         self._session = Session(
             config.url,
             Credentials.load(config.user, config.security),
@@ -89,7 +87,7 @@ class OpcUaDriver:
         self._plan: list[ReadPlan] | list[_Batch] = []
         self._unresolved: list[Binding] = []
         self.slow = SlowState()
-        self._writes = Writes(self._session, self.slow)
+        self._writings = Writings(self._session, writings, self.slow)
         self._subscription: Subscription | None = None
         self._latest = Image(len(readings))
         self._changes = Changes(self._readings, self._latest)
@@ -103,8 +101,8 @@ class OpcUaDriver:
     @property
     def problems(self) -> tuple[str, ...]:
         """What is wrong with single tags: what was found, what would be right. Changes while connected."""
-        told = [binding.problem for binding in (*self._readings, *self._writings) if binding.problem]
-        return (*told, *self._loops.values())
+        told = [binding.problem for binding in self._readings if binding.problem]
+        return (*told, *self._writings.problems)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -163,44 +161,13 @@ class OpcUaDriver:
         for binding in self._unresolved:
             into.fail(binding.status, (position for position, _ in binding.uses))
 
-    async def write(self, values: Mapping[int, float]) -> dict[int, int]:
+    async def write(self, positions: Positions, values: NDArray[np.float64]) -> NDArray[np.uint32]:
         """Write numbers as each variable's own type; one that does not fit it is not sent and BadOutOfRange.
 
         Returns the raw StatusCode of each. Raises LinkError when the connection is of no more use.
         """
         self._look_after()
-        statuses: dict[int, int] = {}
-        requests: list[tuple[int, ua.WriteValue]] = []
-        ready: list[int] = []
-        for position, value in values.items():
-            binding = self._writings[position]
-            if position in self._loops:
-                statuses[position] = StatusCode.BAD_CONFIGURATION_ERROR
-                continue
-            if binding.node is None or binding.variant_type is None or is_bad(binding.status):
-                statuses[position] = binding.status if is_bad(binding.status) else StatusCode.BAD_TYPE_MISMATCH
-                continue
-            if proven():
-                ready.append(position)
-                continue
-            number = encode(value, binding.variant_type)
-            if number is None:
-                statuses[position] = StatusCode.BAD_OUT_OF_RANGE
-            else:
-                requests.append((position, write_value(binding.node, number, self._indices[position])))
-        if ready:
-            targets = [(self._writings[p].node, self._writings[p].variant_type, self._indices[p]) for p in ready]
-            results = await self._writes.write(targets, [values[position] for position in ready])
-            for position, status in zip(ready, results, strict=True):
-                statuses[position] = status
-                if status:
-                    self._writings[position].note(status)
-        for some in batches(requests, self._session.limits.write):
-            answers = await self._session.write([request for _, request in some])
-            for (position, _), result in zip(some, answers, strict=True):
-                statuses[position] = int(result.value)
-                self._writings[position].note(statuses[position])
-        return statuses
+        return await self._writings.write(positions, values)
 
     async def close(self) -> None:
         """Let go at once and without raising; what the server is told goes on in the background for a second."""
@@ -214,8 +181,7 @@ class OpcUaDriver:
         deadline = self._clock.monotonic() + connect_timeout
         await self._session.open(connect_timeout)
         await bind(self._session, self._readings)
-        await bind(self._session, self._writings)
-        self._loops.update(find_loops(self._readings, self._writings))
+        await self._writings.bind(self._readings)
         if self._config.mode == "subscribe":
             await self._subscribe()
             await self._await_first_values(deadline)
@@ -329,13 +295,11 @@ class OpcUaDriver:
 
     async def _rebind(self) -> None:
         lost = [binding for binding in self._readings if binding.problem]
-        unwritable = [binding for binding in self._writings if binding.problem]
-        if not lost and not unwritable:
+        if not lost and not self._writings.lost:
             return
         await self._session.refresh_namespaces()
         await bind(self._session, lost)
-        await bind(self._session, unwritable)
-        self._loops.update(find_loops(self._readings, self._writings))
+        await self._writings.bind(self._readings)
         if self._subscription is None:
             self._plan = self._make_plan()
         else:

@@ -12,6 +12,7 @@ from softplc.sample import StatusCode
 from softplc.tags import Image
 from tests.drivers_opcua.opened import opened, read
 from tests.drivers_opcua.servers import NUMBERS, AsyncuaPlc, NodePlc
+from tests.support.drivers import write_values
 
 AXIS = "ns=2;s=PLC.Axis"
 
@@ -65,7 +66,7 @@ async def test_an_asyncua_that_was_not_proven_is_told_once_and_used_as_it_is(
                 async with opened(plc.url, [f"{AXIS}.Double"], [f"{AXIS}.Target"]) as driver:
                     image = await read(driver, 1)
                     assert image.values.tolist() == [1e300]
-                    assert await driver.write({0: 2.5}) == {0: StatusCode.GOOD}
+                    assert await write_values(driver, {0: 2.5}) == {0: StatusCode.GOOD}
     finally:
         asyncua_version.proven.cache_clear()
 

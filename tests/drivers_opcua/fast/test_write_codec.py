@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from softplc.drivers.opcua.fast.plain import SlowState
-from softplc.drivers.opcua.fast.write import WritePlan, fits
+from softplc.drivers.opcua.fast.write import Target, WritePlan, encoded, fits
 from softplc.drivers.opcua.session import link_errors
 from softplc.drivers.opcua.values import NUMBER_TYPES, encode
 from softplc.errors import LinkError
@@ -45,7 +45,12 @@ def writes() -> st.SearchStrategy[list[tuple[Any, float]]]:
 
 
 def plan_for(count: int) -> WritePlan:
-    return WritePlan(Line(), [(ua.NodeId("x", 2), ua.VariantType.Double, None)] * count, SlowState())
+    return plan_of([(ua.NodeId("x", 2), ua.VariantType.Double, None)] * count)
+
+
+def plan_of(targets: list[Target]) -> WritePlan:
+    kinds = np.array([kind.value for _, kind, _ in targets], np.uint8)
+    return WritePlan(Line(), [encoded(target) for target in targets], kinds, SlowState())
 
 
 def variant_of(value: float, kind: ua.VariantType, index: int | None) -> ua.Variant:
@@ -56,13 +61,13 @@ def variant_of(value: float, kind: ua.VariantType, index: int | None) -> ua.Vari
 @settings(deadline=None)
 @given(writes())
 def test_values_laid_into_the_request_are_the_bytes_that_asyncua_encodes(asked: list[tuple[Any, float]]):
-    fit = fits(np.array([value for _, value in asked]), [target[1] for target, _ in asked])
+    fit = fits(np.array([value for _, value in asked]), np.array([target[1].value for target, _ in asked], np.uint8))
     assert fit.tolist() == [encode(value, target[1]) is not None for target, value in asked]
 
     sent = [pair for pair, taken in zip(asked, fit, strict=True) if taken]
     if not sent:
         return
-    plan = WritePlan(Line(), [target for target, _ in sent], SlowState())
+    plan = plan_of([target for target, _ in sent])
     plan.lay(np.ones(len(sent)))
     body = bytes(plan.lay(np.array([value for _, value in sent])).body)
     writes = [

@@ -32,7 +32,7 @@ def check_count(body: bytes, at: int, wanted: int) -> int:
     """Where the results begin whose number stands at this byte. Raises OddBodyError unless it is the wanted one."""
     if len(body) < at + 4:
         raise OddBodyError("the answer is cut short")
-    found = int.from_bytes(body[at : at + 4], "little", signed=True)
+    found = max(int.from_bytes(body[at : at + 4], "little", signed=True), 0)  # below 0 is no array, as asyncua has it
     if found != wanted:
         raise OddBodyError(f"was answered with {found} results; expected {wanted}")
     return at + 4

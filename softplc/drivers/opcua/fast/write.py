@@ -1,7 +1,7 @@
-"""Writes of always the same variables: each one's part of the request encoded once, the values laid into it.
+"""Writes of numbers: each variable's part of the request is encoded once, and the values are laid into it.
 
 A WriteValue is a node id, an attribute, an index range and a DataValue; without status and timestamps, which many
-PLCs refuse, its last bytes are the number. So only these are laid into a request for variables that it was made for.
+PLCs refuse, its last bytes are the number. So only these are laid into a request that was made for its variables.
 """
 
 from collections.abc import Sequence
@@ -15,16 +15,15 @@ from numpy.typing import NDArray
 from softplc.drivers.opcua.fast.plain import HEAD, SlowState, check_count, has_plain_head, has_plain_tail
 from softplc.drivers.opcua.fast.records import BOOLEAN, NUMBERS
 from softplc.drivers.opcua.fast.seam import Request, decode_head, decode_message
-from softplc.drivers.opcua.session import Session, batches, link_errors
+from softplc.drivers.opcua.session import Session, link_errors
 from softplc.drivers.opcua.values import INTEGER_RANGES, LARGEST_FLOAT32, write_value
+from softplc.interfaces import Positions
 from softplc.sample import StatusCode
 
 Target = tuple[ua.NodeId, ua.VariantType, int | None]
 """Node, type of its elements, index into an array or None."""
 
 _REMEMBERED: Final = 4
-_EXACT: Final = frozenset({ua.VariantType.Float, ua.VariantType.Double})
-_NOTHING: Final = (0.0, 0.0)
 _RANGES: Final = {
     **{kind: (float(lowest), float(highest + 1)) for kind, (lowest, highest) in INTEGER_RANGES.items()},
     ua.VariantType.Boolean: (0.0, 2.0),
@@ -32,22 +31,33 @@ _RANGES: Final = {
     ua.VariantType.Double: (-np.inf, np.inf),
 }
 """The lowest value that each type takes, and the first beyond its highest; all of them are float64 exactly."""
+_LOWEST, _BEYOND = np.zeros(max(NUMBERS) + 1), np.zeros(max(NUMBERS) + 1)
+for _kind, (_lowest, _beyond) in _RANGES.items():
+    _LOWEST[_kind.value], _BEYOND[_kind.value] = _lowest, _beyond
+
+Kinds = NDArray[np.uint8]
+"""Type ids of numbers, 0 where there is none."""
+
+
+def encoded(target: Target) -> bytes:
+    """The WriteValue of a target; its last bytes are the number, 0."""
+    node, kind, index = target
+    return bytes(struct_to_binary(write_value(node, ua.Variant(0, kind), index)))
 
 
 class WritePlan:
-    """One Write request for these targets; all are numbers or Booleans. `slow` counts what asyncua has to decode."""
+    """One Write request of these WriteValues, all numbers or Booleans. `slow` counts what asyncua has to decode."""
 
-    def __init__(self, session: Session, targets: Sequence[Target], slow: SlowState) -> None:
-        self.targets = tuple(targets)
+    def __init__(self, session: Session, parts: Sequence[bytes], kinds: Kinds, slow: SlowState) -> None:
+        self._count = len(parts)
         self._session = session
         self._slow = slow
         self._what = f"{session.url}: Write"
-        values = [write_value(node, ua.Variant(0, kind), index) for node, kind, index in targets]
-        request = ua.WriteRequest(Parameters=ua.WriteParameters(NodesToWrite=values))
+        request = ua.WriteRequest(Parameters=ua.WriteParameters(NodesToWrite=[]))
         self._request: Request = session.encode(request, ua.WriteResponse)
-        lengths = np.array([len(struct_to_binary(value)) for value in values])
+        self._request.body[-4:] = len(parts).to_bytes(4, "little") + b"".join(parts)  # instead of none
+        lengths = np.array([len(part) for part in parts])
         ends = len(self._request.body) - lengths.sum() + lengths.cumsum()
-        kinds = np.array([target[1].value for target in targets])
         self._parts: list[tuple[NDArray[np.intp], np.dtype[Any], NDArray[np.intp]]] = []
         for kind in np.unique(kinds):
             which = np.flatnonzero(kinds == kind)
@@ -57,7 +67,7 @@ class WritePlan:
         self._raw = np.frombuffer(self._request.body, np.uint8)
 
     def lay(self, values: NDArray[np.float64]) -> Request:
-        """The request with these values, one for each target, each of which fits its type."""
+        """The request with these values, one for each part, each of which fits its type."""
         for which, dtype, places in self._parts:
             numbers = values[which]
             if dtype.kind != "f":
@@ -72,7 +82,7 @@ class WritePlan:
 
     def take(self, body: bytes) -> NDArray[np.uint32]:
         """The StatusCodes in an answer. Raises anything on an answer that makes no sense."""
-        count, plain = len(self.targets), has_plain_head(body)
+        count, plain = self._count, has_plain_head(body)
         begin = check_count(body, HEAD if plain else decode_head(body), count)
         statuses = np.frombuffer(body, "<u4", count, begin)
         if not plain or not has_plain_tail(body, begin + 4 * count):
@@ -82,43 +92,52 @@ class WritePlan:
 
 
 class Writes:
-    """Writes to changing sets of variables: a plan for each of the last few sets. `slow` as in the plans."""
+    """Writes to changing sets of `targets`, None where there is nothing to write to. `slow` as in the plan.
 
-    def __init__(self, session: Session, slow: SlowState) -> None:
+    A target is encoded when it is first written, and the request for a set put together from what is encoded; those
+    for the last few sets are kept.
+    """
+
+    def __init__(self, session: Session, targets: Sequence[Target | None], slow: SlowState) -> None:
+        self.targets = targets
         self._session = session
         self._slow = slow
-        self._plans: list[WritePlan] = []
+        self._kinds: Kinds = np.array([0 if target is None else target[1].value for target in targets], np.uint8)
+        self._encoded: dict[int, bytes] = {}
+        self._plans: list[tuple[Positions, WritePlan]] = []
 
-    async def write(self, targets: Sequence[Target], values: Sequence[float]) -> list[int]:
+    async def write(self, positions: Positions, values: NDArray[np.float64]) -> NDArray[np.uint32]:
         """Write these; one that does not fit its type is not sent and BadOutOfRange. Raises LinkError.
 
         Returns the raw StatusCode of each.
         """
-        numbers = np.array(values, np.float64)
-        fit = fits(numbers, [kind for _, kind, _ in targets])
         statuses = np.full(len(values), StatusCode.BAD_OUT_OF_RANGE, np.uint32)
-        sent = np.flatnonzero(fit)
-        for some in batches(sent.tolist(), self._session.limits.write):
-            plan = self._plan(targets if len(some) == len(targets) else [targets[number] for number in some])
-            statuses[some] = await plan.write(numbers[some])
-        return [int(status) for status in statuses]
+        sent = np.flatnonzero(fits(values, self._kinds[positions]))
+        for begin in range(0, len(sent), self._session.limits.write):
+            some = sent[begin : begin + self._session.limits.write]
+            statuses[some] = await self._plan(positions[some]).write(values[some])
+        return statuses
 
-    def _plan(self, targets: Sequence[Target]) -> WritePlan:
-        wanted = tuple(targets)
-        for plan in self._plans:
-            if plan.targets == wanted:
+    def _plan(self, positions: Positions) -> WritePlan:
+        for kept, plan in self._plans:
+            if np.array_equal(kept, positions):
                 return plan
-        self._plans = [*self._plans[-_REMEMBERED + 1 :], WritePlan(self._session, wanted, self._slow)]
-        return self._plans[-1]
+        parts = [self._encoded.get(position) or self._encode(position) for position in positions.tolist()]
+        plan = WritePlan(self._session, parts, self._kinds[positions], self._slow)
+        self._plans = [*self._plans[-_REMEMBERED + 1 :], (positions, plan)]
+        return plan
+
+    def _encode(self, position: int) -> bytes:
+        target = self.targets[position]
+        assert target is not None
+        self._encoded[position] = encoded(target)
+        return self._encoded[position]
 
 
-def fits(values: NDArray[np.float64], kinds: Sequence[ua.VariantType]) -> NDArray[np.bool_]:
+def fits(values: NDArray[np.float64], kinds: Kinds) -> NDArray[np.bool_]:
     """Which of these values `values.encode` takes for their types: finite, and in the type's range once rounded."""
-    lowest, beyond = np.array([_RANGES.get(kind, _NOTHING) for kind in kinds], np.float64).reshape(-1, 2).T
-    exact = np.array([kind in _EXACT for kind in kinds], np.bool_)
     rounded = np.rint(values)
-    judged = np.where(exact, values, rounded)
-    boolean = np.array([kind == ua.VariantType.Boolean for kind in kinds], np.bool_)
-    taken: NDArray[np.bool_] = np.isfinite(values) & (judged >= lowest) & (judged < beyond)
-    taken &= ~boolean | (values == rounded)
+    judged = np.where(kinds >= ua.VariantType.Float.value, values, rounded)
+    taken: NDArray[np.bool_] = np.isfinite(values) & (judged >= _LOWEST[kinds]) & (judged < _BEYOND[kinds])
+    taken &= (kinds != BOOLEAN) | (values == rounded)
     return taken
