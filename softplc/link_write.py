@@ -150,7 +150,9 @@ class Writing:
         """
         ready = np.flatnonzero(self._pending & (self._clock.monotonic() <= self._until))
         if ready.size > most:
-            ready = np.roll(ready, -np.searchsorted(ready, self._next))[:most]
+            begin = int(np.searchsorted(ready, self._next)) % ready.size
+            ready = ready[begin : begin + most]
+        if ready.size:
             self._next = int(ready[-1]) + 1
         self._pending[ready] = False
         self._under_way[ready] = True

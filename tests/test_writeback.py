@@ -1,6 +1,7 @@
 """Write-backs: the newest Good value or none, read back where asked, and what the axis shows of it."""
 
 import asyncio
+import sys
 
 import numpy as np
 import structlog
@@ -262,3 +263,107 @@ async def test_what_a_busy_device_refused_is_written_once_it_takes_it_though_it_
     assert rig.value("Echo.1") == WriteState.WRITTEN
     assert rig.value("Sources.plc.Writes") == 1
     assert 2 <= rig.value("Sources.plc.WriteErrors") <= 4  # at first, and once a second for 2.5 s
+
+
+SETTINGS = (
+    {},
+    {"deadband": 2.5},
+    {"every_scans": 3},
+    {"every_scans": 2, "min_interval": 0.35},
+    {"verify": True},
+    {"verify": True, "deadband": 4.0},
+)
+
+
+async def states_and_writes(settings) -> tuple[list[list[float]], list[dict[int, float]]]:
+    """What 60 scans show and write, with spells that are not Good, refused or clamped."""
+    n = len(settings)
+    rig = Rig(period=PERIOD, readings=3 * n, writings=[f"w{k}" for k in range(n)])
+    write_backs = []
+    for k, each in enumerate(settings):
+        options = {name: value for name, value in each.items() if name != "verify"}
+        read_back = ReadBack(n + k, tolerance=0.01, within=0.3) if "verify" in each else None
+        state = rig.echo.start + 2 * n + k
+        write_backs.append(WriteBack(rig.echo.start + k, rig.link, k, read_back=read_back, state=state, **options))
+    rig.write_backs(*write_backs)
+    states = []
+
+    def scan(scan):
+        device = rig.device
+        device.values[:n] = [0.5 * scan.number] * n
+        device.statuses[:n] = [StatusCode.UNCERTAIN if scan.number % 17 in (3, 4) else 0] * n
+        device.write_status = StatusCode.BAD_NOT_WRITABLE if scan.number % 23 in (7, 8, 9) else 0
+        for values in device.written[-1:]:
+            for position, value in values.items():
+                device.values[n + position] = min(value, 20.0)
+        states.append([rig.value(f"Echo.{2 * n + k}") for k in range(n)])
+
+    await rig.run(60, scan)
+    return states, rig.device.written
+
+
+async def test_every_write_back_of_many_does_what_it_does_alone():
+    together, written = await states_and_writes(SETTINGS)
+    assert len({state for states in together for state in states}) >= 5
+    for k, each in enumerate(SETTINGS):
+        alone, written_alone = await states_and_writes([each])
+        assert [states[k] for states in together] == [states[0] for states in alone]
+        assert [values[k] for values in written if k in values] == [values[0] for values in written_alone]
+
+
+async def test_where_a_device_takes_few_values_at_a_time_each_gets_its_turn():
+    rig = Rig(period=PERIOD, readings=7, writings="abcdefg")
+    rig.write_backs(*(WriteBack(rig.echo.start + k, rig.link, k) for k in range(7)))
+    driver = rig.device.driver
+
+    def make():
+        made = driver()
+        made.writes_at_once = 3
+        write = made.write
+
+        async def rare(positions, values):
+            answers = await write(positions, values)
+            while len(rig.device.written) > len(rig.scans) // 2:  # one request in two scans
+                await asyncio.sleep(0)
+            return answers
+
+        made.write = rare
+        return made
+
+    rig.link._make_driver = make
+
+    def move(scan):
+        rig.device.values = [scan.number + 0.1 * k for k in range(7)]
+
+    await rig.run(60, move)
+    counts = [sum(k in values for values in rig.device.written) for k in range(7)]
+    assert min(counts) >= 5
+    assert max(counts) - min(counts) <= 1
+
+
+async def test_a_scan_runs_no_python_for_each_write_back():
+    async def calls(n: int) -> int:
+        rig = Rig(period=PERIOD, readings=n, writings=[f"w{k}" for k in range(n)])
+        rig.write_backs(*(WriteBack(rig.echo.start + k, rig.link, k) for k in range(n)))
+        count = 0
+
+        def called(frame, event, argument):
+            nonlocal count
+            count += event in ("call", "c_call")
+
+        def move(scan):
+            sys.setprofile(None)
+            rig.device.values = [scan.number + 0.1 * k for k in range(n)]  # each is due in every scan
+            if scan.number > 5:
+                sys.setprofile(called)
+
+        try:
+            await rig.run(20, move)
+        finally:
+            sys.setprofile(None)
+        assert len(rig.device.written) > 15
+        assert all(len(values) == n for values in rig.device.written[5:])
+        return count
+
+    few, many = await calls(5), await calls(100)
+    assert many < few + 14 * 10  # in 14 scans; ninety-five more of them are not even ten calls each

@@ -23,7 +23,7 @@ from softplc.sample import StatusCode
 Target = tuple[ua.NodeId, ua.VariantType, int | None]
 """Node, type of its elements, index into an array or None."""
 
-_REMEMBERED: Final = 4
+_REMEMBERED: Final = 8
 _RANGES: Final = {
     **{kind: (float(lowest), float(highest + 1)) for kind, (lowest, highest) in INTEGER_RANGES.items()},
     ua.VariantType.Boolean: (0.0, 2.0),
