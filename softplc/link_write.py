@@ -148,9 +148,9 @@ class Writing:
 
         What is not valid any more stays until a newer value comes.
         """
-        ready = np.flatnonzero(self._pending & (self._clock.monotonic() <= self._until))
+        ready = (self._pending & (self._clock.monotonic() <= self._until)).nonzero()[0]
         if ready.size > most:
-            begin = int(np.searchsorted(ready, self._next)) % ready.size
+            begin = ready.searchsorted(self._next) % ready.size
             ready = ready[begin : begin + most]
         if ready.size:
             self._next = int(ready[-1]) + 1
@@ -166,7 +166,7 @@ class Writing:
         failed = int(np.count_nonzero(statuses >= _BAD))
         self.written += len(positions) - failed
         self.errors += failed
-        for one in np.flatnonzero(statuses != self.statuses[positions]):
+        for one in (statuses != self.statuses[positions]).nonzero()[0]:
             event = "write refused" if statuses[one] >= _BAD else "write accepted again"
             self._tell("warning", event, tag=self._names[positions[one]], status=status_name(int(statuses[one])))
         self.answers[positions] += 1

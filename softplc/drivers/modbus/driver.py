@@ -52,8 +52,8 @@ class ModbusDriver:
         self, config: ModbusSource, readings: Sequence[ModbusTag], writings: Sequence[ModbusTag], clock: Clock
     ) -> None:
         self._spans = [checked(config, tag) for tag in readings]
-        for tag in writings:
-            checked(config, tag)
+        places = [checked(config, tag) for tag in writings]
+        self._addresses = [Address(place.table, place.start) for place in places]
         self._config, self._readings, self._writings, self._clock = config, readings, writings, clock
         self._framing = framing_of(config)
         self._poll: PollState | None = None
@@ -99,8 +99,8 @@ class ModbusDriver:
         Every value is written in one request, so that the device never sees half of it. BadNotWritable for a
         read-only table, BadOutOfRange for what the data type cannot hold.
         """
-        pairs = zip(positions, values.tolist(), strict=True)
-        return np.array([await self._write(self._writings[position], value) for position, value in pairs], np.uint32)
+        pairs = zip(positions.tolist(), values.tolist(), strict=True)
+        return np.array([await self._write(position, value) for position, value in pairs], np.uint32)
 
     async def close(self) -> None:
         """Let go of the connection, at once and without raising."""
@@ -173,8 +173,8 @@ class ModbusDriver:
         reply = await self._exchange(question.pdu, read_reply, question.request)
         return Answer(question, reply, self._connected().heard, self._clock.utc_ns())
 
-    async def _write(self, tag: ModbusTag, value: float) -> int:
-        address = tag.location
+    async def _write(self, position: int, value: float) -> int:
+        tag, address = self._writings[position], self._addresses[position]
         if not address.table.writable:
             return int(StatusCode.BAD_NOT_WRITABLE)
         order = tag.byte_order or self._config.byte_order
