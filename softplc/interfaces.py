@@ -85,8 +85,11 @@ class Observer(Protocol):
         """Take a written value for the tag at this index of `outputs`; False when it is none of its writable tags."""
         ...
 
-    def park(self, outputs: Image) -> None:
-        """Mark the estimates of every instance Bad (BadInternalError): the observer raised and runs no more."""
+    def park(self, scan: Scan, outputs: Image) -> None:
+        """Mark the estimates of every instance Bad (BadInternalError): the observer raised and runs no more.
+
+        Called in that scan and in all that follow, so that what tells the time of a scan goes on.
+        """
         ...
 
 

@@ -205,7 +205,9 @@ class CyclicTask:
                 self.inputs.fail(StatusCode.BAD_INTERNAL_ERROR, where)
         self._attempt("commands", self.dispatch_commands)
         for number, observer in enumerate(self.observers):
-            if number not in self._failed:
+            if number in self._failed:
+                self._attempt("a parked observer", observer.park, scan, self.outputs)
+            else:
                 self._step(number, observer, scan)
         self._attempt("writing back", self.write_backs.step, scan, self.inputs, self.outputs)
         for place in self.links:
@@ -227,7 +229,7 @@ class CyclicTask:
         except Exception:  # an observer's defect must not end the scan
             log.exception("observer parked", task=self.name)
             self._failed.add(number)
-            observer.park(self.outputs)
+            observer.park(scan, self.outputs)
 
     def _publish_link(self, place: LinkPlace, scan: Scan) -> None:
         counted = place.link.statistics

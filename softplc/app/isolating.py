@@ -11,6 +11,7 @@ import structlog
 
 from softplc.observers.axes import AxisPlace
 from softplc.observers.observer import AxisObserver
+from softplc.observers.parked import Waiting, together
 from softplc.tags import Image
 from softplc.timing import Scan
 
@@ -59,6 +60,7 @@ class IsolatingObserver:
         self._groups = [_Group(every, build(places, configs))]
         self._restarts: dict[int, deque[float]] = {}
         self._parked: dict[int, _Parked] = {}
+        self._waiting: Waiting | None = None  # what goes on of the parked ones
 
     def step(self, scan: Scan, inputs: Image, outputs: Image) -> None:
         """Advance every axis by one scan; raises nothing that an axis alone raises."""
@@ -70,6 +72,9 @@ class IsolatingObserver:
             except Exception:  # an axis' defect must not end its neighbours
                 log.exception("observer failed", axes=len(group.axes), first=self._name(group.axes[0]))
                 self._take_apart(group, scan, inputs, outputs)
+        if self._parked:
+            self._waiting = self._waiting or together([parked.observer.waiting for parked in self._parked.values()])
+            self._waiting.go_on(scan, outputs)
 
     def command(self, index: int, value: float) -> bool:
         """Take a written value; an axis that is parked for a while takes it for its restart."""
@@ -77,10 +82,12 @@ class IsolatingObserver:
         observers = [*(group.observer for group in self._groups), *parked]
         return any(observer.command(index, value) for observer in observers)
 
-    def park(self, outputs: Image) -> None:
+    def park(self, scan: Scan, outputs: Image) -> None:
         """Every axis is parked: the last resort of the scan engine."""
         for group in self._groups:
-            group.observer.park(outputs)
+            group.observer.park(scan, outputs)
+        for parked in self._parked.values():
+            parked.observer.park(scan, outputs)
 
     def _take_apart(self, group: _Group, scan: Scan, inputs: Image, outputs: Image) -> None:
         """Find the axes of a group that raised, park them, and step the others on."""
@@ -128,11 +135,13 @@ class IsolatingObserver:
         observer = self._fresh([axis], group, ramp=False)
         again = _may_restart(self._restarts.setdefault(axis, deque()), scan.start + PAUSE)
         self._parked[axis] = _Parked(observer, scan.start + PAUSE if again else math.inf)
-        observer.park(outputs)
+        self._waiting = None
+        observer.park(scan, outputs)
         log.error("axis parked", axis=self._name(axis), restart_in=PAUSE if again else "never")
 
     def _restart(self, axis: int) -> None:
         log.warning("axis restarted", axis=self._name(axis))
+        self._waiting = None
         self._groups.append(_Group([axis], self._parked.pop(axis).observer))
 
     def _name(self, axis: int) -> str:

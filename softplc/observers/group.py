@@ -15,6 +15,7 @@ from softplc.observers.judgement import Judgement
 from softplc.observers.kernel import Flags, Given, Kernel, Numbers
 from softplc.observers.modes import Modes
 from softplc.observers.now import Now
+from softplc.observers.parked import Waiting
 from softplc.observers.published import Published
 from softplc.observers.shadow import Shadow
 from softplc.observers.timestep import TimeStep
@@ -79,6 +80,8 @@ class AxisGroup:
     def begin(self, scan: Scan, inputs: Image) -> None:
         """Judge the samples and decide the time steps; makes the kernel start anew where it has to."""
         self._inputs = inputs
+        if np.isnan(self._started):
+            self._started = scan.start
         self.enable.read(inputs)
         self._obey()
         self.samples.judge(scan, inputs, self._has_values, self.time.unseen)
@@ -184,6 +187,11 @@ class AxisGroup:
         """Every estimate is NaN and BadInternalError from here; Raw keeps its last value, Uncertain."""
         self._tags.park(outputs)
 
+    @property
+    def waiting(self) -> Waiting:
+        """Age, and what else goes on of axes that are parked."""
+        return Waiting(self._tags.ages, self._since(), self._tags.of_each_scan)
+
     def _take_some(self, finite: NDArray[np.bool_]) -> None:
         """Take over the rows that stepped, predict those that did not, hold the others as they were."""
         tags, time, modes = self._tags, self.time, self.modes
@@ -243,9 +251,9 @@ class AxisGroup:
 
     def _age(self, scan: Scan) -> NDArray[np.float64]:
         """Seconds since the newest sample arrived, since the first scan where none ever did."""
-        if np.isnan(self._started):
-            self._started = scan.start
         np.fmax(self._arrivals, self.samples.arrivals, out=self._arrivals)
-        age: NDArray[np.float64] = scan.start - np.where(np.isnan(self._arrivals), self._started, self._arrivals)
-        np.maximum(age, 0.0, out=age)
+        age: NDArray[np.float64] = np.maximum(scan.start - self._since(), 0.0)
         return age
+
+    def _since(self) -> NDArray[np.float64]:
+        return np.where(np.isnan(self._arrivals), self._started, self._arrivals)

@@ -8,6 +8,7 @@ from numpy.typing import DTypeLike, NDArray
 from softplc.observers.axes import AxisPlace
 from softplc.observers.group import AxisGroup
 from softplc.observers.kernel import Kernel
+from softplc.observers.parked import Waiting
 from softplc.tags import Image
 from softplc.timing import Scan
 
@@ -44,6 +45,12 @@ class AxisObserver:
         """Take a written value for the tag at this index of `outputs`; False when it is none of the writable ones."""
         return self._group.commands.take(index, value)
 
-    def park(self, outputs: Image) -> None:
-        """Mark the estimates of every axis Bad: this observer failed and runs no more."""
+    def park(self, scan: Scan, outputs: Image) -> None:
+        """Mark the estimates of every axis Bad: this observer failed and is not stepped any more."""
         self._group.park(outputs)
+        self.waiting.go_on(scan, outputs)
+
+    @property
+    def waiting(self) -> Waiting:
+        """What goes on of its axes while they are parked."""
+        return self._group.waiting

@@ -54,6 +54,17 @@ class Published:
         self._first = True
         self._retuned: list[tuple[int, int]] = []
 
+    @property
+    def ages(self) -> NDArray[np.intp]:
+        """Where each axis' Age lies in the outputs."""
+        ages: NDArray[np.intp] = self._index[self._rows["Age"]]
+        return ages
+
+    @property
+    def of_each_scan(self) -> NDArray[np.intp]:
+        """Where all those tags lie that carry the time of the scan."""
+        return self._index[self._each_scan].ravel()
+
     def __contains__(self, leaf: str) -> bool:
         return leaf in self._rows
 

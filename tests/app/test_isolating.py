@@ -131,6 +131,9 @@ def test_a_parked_axis_is_restarted_after_a_pause_and_settles():
     ramp(rig, pause - 2, 8)
     assert rig.outcome(3) == (StatusCode.BAD_INTERNAL_ERROR, Reason.INTERNAL_ERROR)
     assert rig.status("Raw", 3) == StatusCode.UNCERTAIN_LAST_USABLE_VALUE  # nobody reads it on
+    waited = (pause - 1) * rig.period  # since the sample before the one that made it raise
+    assert rig.get("Age", 3) == pytest.approx(waited, abs=1e-9)
+    assert rig.stamp("State", 3) == rig.stamp("State", 0)
     ramp(rig, 3, 8)
     assert rig.get("State", 3) == AxisState.REINIT
     ramp(rig, SETTLED, 8)

@@ -55,10 +55,17 @@ class Rig:
         self.step(dt)
 
     def step(self, dt: float | None = None) -> None:
-        dt = self.period if dt is None else dt
-        scan = Scan(self.scans, self.now, UTC + round(self.now * 1e9), dt, self.period, 0)
-        self.observer.step(scan, self.inputs, self.outputs)
+        self.observer.step(self._scan(dt), self.inputs, self.outputs)
         self.scans += 1
+
+    def park(self) -> None:
+        """One scan in which the observer is parked."""
+        self.now += self.period
+        self.observer.park(self._scan(None), self.outputs)
+
+    def _scan(self, dt: float | None) -> Scan:
+        dt = self.period if dt is None else dt
+        return Scan(self.scans, self.now, UTC + round(self.now * 1e9), dt, self.period, 0)
 
     def fail(self, status: int) -> None:
         """One scan in which every input is Bad."""

@@ -149,5 +149,5 @@ def test_a_disabled_axis_says_so_whatever_its_input_is_and_starts_as_new():
 
 def test_a_parked_axis_says_so():
     rig = running()
-    rig.observer.park(rig.outputs)
+    rig.park()
     assert state(rig) == AxisState.PARKED

@@ -263,8 +263,19 @@ def test_age_counts_from_the_first_scan_while_nothing_has_arrived():
 def test_a_parked_observer_leaves_estimates_bad_and_says_so():
     rig = make_rig()
     rig.scan(1.0)
-    rig.observer.park(rig.outputs)
+    rig.park()
     position = rig.outputs.sample(rig.table.index("A0.Position"))
     assert (position.status, position.value != position.value) == (StatusCode.BAD_INTERNAL_ERROR, True)
     assert rig.outputs.values[rig.table.index("A0.Quality")] == 0
     assert rig.outputs.values[rig.table.index("A0.Reason")] == Reason.INTERNAL_ERROR
+
+
+def test_the_age_of_a_parked_observer_grows_and_what_tells_its_state_is_of_each_scan():
+    rig = make_rig()
+    rig.scan(1.0)
+    for scans in range(1, 4):
+        rig.park()
+        assert rig.get("Age") == pytest.approx(scans * rig.period, abs=1e-9)  # rounding of the clock
+        for leaf in ("Age", "State", "Quality", "Reason", "Enabled"):
+            assert rig.stamp(leaf) == pytest.approx(rig.now, abs=1e-6)
+    assert rig.stamp("Raw") == pytest.approx(rig.now - 3 * rig.period, abs=1e-6)

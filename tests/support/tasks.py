@@ -34,7 +34,7 @@ class Echo:
         self.commands.append((index, value))
         return True
 
-    def park(self, outputs: Image) -> None:
+    def park(self, scan: Scan, outputs: Image) -> None:
         outputs.fail(0x80020000, slice(self.start, self.start + 1))
 
 
