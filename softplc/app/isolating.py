@@ -10,6 +10,7 @@ import numpy as np
 import structlog
 
 from softplc.observers.axes import AxisPlace
+from softplc.observers.join import Part, UnlikeError, join
 from softplc.observers.observer import AxisObserver
 from softplc.observers.parked import Waiting, together
 from softplc.tags import Image
@@ -18,6 +19,8 @@ from softplc.timing import Scan
 RESTARTS: Final = 3
 """Restarts within `WITHIN` seconds; an axis that fails once more is parked for good."""
 WITHIN: Final = 60.0
+JOINED: Final = 100
+"""Axes that are joined at most: building an observer of more of them takes longer than a scan has to spare."""
 PAUSE: Final = 1.0
 """Seconds for which an axis is parked before it is restarted."""
 
@@ -40,6 +43,7 @@ class _Group:
 
     axes: list[int]
     observer: AxisObserver
+    quiet_since: float = -math.inf
 
 
 class IsolatingObserver:
@@ -51,7 +55,7 @@ class IsolatingObserver:
 
     A state that was being stepped when somebody raised cannot be trusted, for it may be half stepped. So every axis
     of that observer starts anew and settles as after an outage; what clients have written stays. A parked axis is
-    restarted after a pause, alone, so that it fails alone.
+    restarted after a pause, alone, so that it fails alone. Small groups that did not fail for a while are joined.
     """
 
     def __init__(self, places: Sequence[AxisPlace], configs: Sequence[Any], build: Build) -> None:
@@ -65,13 +69,15 @@ class IsolatingObserver:
     def step(self, scan: Scan, inputs: Image, outputs: Image) -> None:
         """Advance every axis by one scan; raises nothing that an axis alone raises."""
         for axis in [axis for axis, parked in self._parked.items() if scan.start >= parked.again_at]:
-            self._restart(axis)
+            self._restart(axis, scan)
         for group in tuple(self._groups):
             try:
                 group.observer.step(scan, inputs, outputs)
             except Exception:  # an axis' defect must not end its neighbours
                 log.exception("observer failed", axes=len(group.axes), first=self._name(group.axes[0]))
                 self._take_apart(group, scan, inputs, outputs)
+        if len(self._groups) > 1:
+            self._join(scan)
         if self._parked:
             self._waiting = self._waiting or together([parked.observer.waiting for parked in self._parked.values()])
             self._waiting.go_on(scan, outputs)
@@ -112,7 +118,7 @@ class IsolatingObserver:
             for axis in axes:
                 self._park(axis, group, scan, outputs)
         else:
-            self._groups.append(_Group(axes, observer))
+            self._groups.append(_Group(axes, observer, scan.start))
 
     def _guilty(self, axes: list[int], group: _Group, scan: Scan, inputs: Image, outputs: Image) -> list[int]:
         """The axes that raise by themselves in this scan, of some that raised together."""
@@ -125,9 +131,12 @@ class IsolatingObserver:
                 guilty += part if len(part) == 1 else self._guilty(part, group, scan, inputs, outputs)
         return guilty
 
+    def _built(self, axes: list[int]) -> AxisObserver:
+        return self._build([self._places[axis] for axis in axes], [self._configs[axis] for axis in axes])
+
     def _fresh(self, axes: list[int], group: _Group, *, ramp: bool) -> AxisObserver:
         """An observer of these axes that starts anew, with what clients have written."""
-        observer = self._build([self._places[axis] for axis in axes], [self._configs[axis] for axis in axes])
+        observer = self._built(axes)
         observer.succeed(group.observer, np.searchsorted(group.axes, axes), ramp=ramp)
         return observer
 
@@ -139,10 +148,33 @@ class IsolatingObserver:
         observer.park(scan, outputs)
         log.error("axis parked", axis=self._name(axis), restart_in=PAUSE if again else "never")
 
-    def _restart(self, axis: int) -> None:
+    def _restart(self, axis: int, scan: Scan) -> None:
         log.warning("axis restarted", axis=self._name(axis))
         self._waiting = None
-        self._groups.append(_Group([axis], self._parked.pop(axis).observer))
+        self._groups.append(_Group([axis], self._parked.pop(axis).observer, scan.start))
+
+    def _join(self, scan: Scan) -> None:
+        """Have small groups that were quiet for long stepped as one again, each axis in the state that it has."""
+        chosen: list[_Group] = []
+        for group in sorted(self._groups, key=lambda group: len(group.axes)):
+            few = sum(len(one.axes) for one in chosen) + len(group.axes) <= JOINED
+            if few and scan.start - group.quiet_since >= WITHIN:
+                chosen.append(group)
+        if len(chosen) < 2:
+            return
+        axes = sorted(axis for group in chosen for axis in group.axes)
+        joined = self._built(axes)
+        parts = [Part(group.observer, self._built(group.axes), np.searchsorted(axes, group.axes)) for group in chosen]
+        try:
+            join(joined, parts)
+        except UnlikeError as error:
+            log.warning("observers not joined", axes=len(axes), reason=str(error))
+            for group in chosen:
+                group.quiet_since = scan.start
+        else:
+            log.info("observers joined", axes=len(axes), first=self._name(axes[0]))
+            self._groups = [group for group in self._groups if group not in chosen]
+            self._groups.append(_Group(axes, joined, scan.start - WITHIN))
 
     def _name(self, axis: int) -> str:
         return self._places[axis].spec.name

@@ -84,6 +84,11 @@ class Signal:
         self._unseen_turns: Flags = np.zeros(len(self._counted), np.bool_)
         self.anew: Flags | None = None
 
+    @property
+    def chosen(self) -> tuple[NDArray[np.intp], ...]:
+        """The rows of the group's axes that the arrays here are for: all of them, those with a counter."""
+        return self._rows, self._rows[self._counted]
+
     def adopt(self, other: "Signal", rows: NDArray[np.intp]) -> None:
         """Go on for these rows of another group: a counter is in the turn in which it was."""
         at = np.searchsorted(other._rows, rows[self._rows])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import structlog
 
-from softplc.app.isolating import PAUSE, RESTARTS, IsolatingObserver
+from softplc.app.isolating import JOINED, PAUSE, RESTARTS, WITHIN, IsolatingObserver
 from softplc.observers.alpha_beta import AlphaBetaConfig
 from softplc.observers.aoi import AoiConfig
 from softplc.observers.axes import AxisPlace, AxisSpec
@@ -213,3 +213,46 @@ def test_an_axis_without_a_sample_holds_what_it_had_when_its_neighbour_fails():
     assert rig.outcome(0) == (StatusCode.UNCERTAIN_LAST_USABLE_VALUE, Reason.INPUT_NOT_FINITE)
     assert [rig.get(leaf, 0) for leaf in ("Position", "Velocity", "P00")] == before
     assert rig.stamp("Position", 0) == stamp
+
+
+def test_axes_that_were_stepped_apart_are_stepped_as_one_again_after_a_quiet_minute_and_none_notices(
+    lines: list[Any],
+):
+    """A state that was gone, then an axis that is restarted: three groups, and a twin that keeps them."""
+    rigs = []
+    for joining in (True, False):
+        faults = Faults()
+        rig = rig_of(faults, OBSERVERS["aoi"], 8)
+        if not joining:
+            rig.observer._join = lambda scan: None
+        ramp(rig, 10, 8)
+        faults.lurking.add(5)
+        ramp(rig, 1, 8)
+        faults.lurking.clear()
+        ramp(rig, 10, 8)
+        ramp(rig, 1, 8, 2)
+        ramp(rig, round(PAUSE / rig.period) + 2, 8)
+        assert sorted(len(group.axes) for group in rig.observer._groups) == [1, 3, 4]
+        ramp(rig, round(WITHIN / rig.period), 8)
+        rigs.append(rig)
+    one, twin = rigs
+    assert [sorted(group.axes) for group in one.observer._groups] == [list(range(8))]
+    assert len(twin.observer._groups) == 3
+    assert [line["axes"] for line in lines if line["event"] == "observers joined"]
+    for _ in range(100):
+        ramp(one, 1, 8)
+        ramp(twin, 1, 8)
+        for kind in ("values", "statuses", "source_timestamps"):
+            np.testing.assert_array_equal(getattr(one.outputs, kind), getattr(twin.outputs, kind))
+    ramp(one, SETTLED, 8, 6)  # and they fail as they did before
+    assert one.outcome(6) == (StatusCode.BAD_INTERNAL_ERROR, Reason.INTERNAL_ERROR)
+    assert [one.outcome(axis)[0] for axis in (0, 5, 7)] == [StatusCode.GOOD] * 3
+
+
+def test_more_axes_than_a_scan_has_time_to_build_are_not_joined():
+    faults = Faults()
+    rig = rig_of(faults, OBSERVERS["alpha_beta"], JOINED + 20)
+    ramp(rig, 3, JOINED + 20)
+    faults.lurking.add(1)
+    ramp(rig, round(WITHIN / rig.period) + 10, JOINED + 20)
+    assert sorted(len(group.axes) for group in rig.observer._groups) == [60, 60]
