@@ -15,7 +15,6 @@ import asyncio
 import contextlib
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -23,14 +22,14 @@ from asyncua import ua
 from numpy.typing import NDArray
 
 from softplc.clock import Clock
-from softplc.drivers.opcua.binding import Binding, bind, group, put, read_value, server_time
+from softplc.drivers.opcua.binding import Binding, bind, group, put
 from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
 from softplc.drivers.opcua.credentials import Credentials
 from softplc.drivers.opcua.fast.notification import Changes, Published
 from softplc.drivers.opcua.fast.plain import SlowState
-from softplc.drivers.opcua.fast.read import ReadPlan, plan_reads
 from softplc.drivers.opcua.fast.seam import proven
-from softplc.drivers.opcua.session import Session, batches, within
+from softplc.drivers.opcua.polling import Polling
+from softplc.drivers.opcua.session import Session, within
 from softplc.drivers.opcua.subscription import Subscription
 from softplc.drivers.opcua.types import first_types
 from softplc.drivers.opcua.witnesses import Witnesses
@@ -46,14 +45,6 @@ PROOF_AFTER: Final = 0.1
 """Seconds without any notification, or a scan if that is longer, after which `read` asks the server for its clock."""
 SHORTEST_SESSION: Final = 30.0
 """Seconds without a request after which the server may drop the session: short, so that no dead one fills it up."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Batch:
-    """One Read request of a poll."""
-
-    nodes: tuple[ua.ReadValueId, ...]
-    bindings: tuple[Binding, ...]
 
 
 class OpcUaDriver:
@@ -84,9 +75,8 @@ class OpcUaDriver:
             max(SHORTEST_SESSION, 4.0 * period),
         )
         self._sampling = period if config.sampling_ms is None else config.sampling_ms / 1000.0
-        self._plan: list[ReadPlan] | list[_Batch] = []
-        self._unresolved: list[Binding] = []
         self.slow = SlowState()
+        self._polling = Polling(self._session, clock, self.slow)
         self._writings = Writings(self._session, writings, self.slow)
         self._subscription: Subscription | None = None
         self._latest = Image(len(readings))
@@ -150,16 +140,7 @@ class OpcUaDriver:
             await self._prove_life(self._subscription)
             into.take_over(self._latest)
             return
-        for batch in self._plan:
-            if isinstance(batch, ReadPlan):
-                await batch.read(into)
-                continue
-            values = await self._session.read(batch.nodes)
-            arrival, now = self._clock.monotonic(), self._clock.utc_ns()
-            for binding, data in zip(batch.bindings, values, strict=True):
-                put(binding, data, into, arrival, now)
-        for binding in self._unresolved:
-            into.fail(binding.status, (position for position, _ in binding.uses))
+        await self._polling.read(into)
 
     async def write(self, positions: Positions, values: NDArray[np.float64]) -> NDArray[np.uint32]:
         """Write numbers as each variable's own type; one that does not fit it is not sent and BadOutOfRange.
@@ -186,19 +167,7 @@ class OpcUaDriver:
             await self._subscribe()
             await self._await_first_values(deadline)
         else:
-            self._plan = self._make_plan()
-
-    def _make_plan(self) -> "list[ReadPlan] | list[_Batch]":
-        """Every resolved variable, those with a problem too: its status is the server's, and its end is seen."""
-        self._unresolved = [binding for binding in self._readings if binding.node is None]
-        found = [binding for binding in self._readings if binding.node is not None] or [server_time()]
-        if proven():
-            before = [plan for plan in self._plan if isinstance(plan, ReadPlan)]
-            return plan_reads(self._session, found, before, self.slow)
-        return [
-            _Batch(tuple(read_value(binding.node) for binding in some), tuple(some))
-            for some in batches(found, self._session.limits.read)
-        ]
+            self._polling.plan(self._readings)
 
     async def _subscribe(self) -> None:
         config = self._config
@@ -301,6 +270,6 @@ class OpcUaDriver:
         await bind(self._session, lost)
         await self._writings.bind(self._readings)
         if self._subscription is None:
-            self._plan = self._make_plan()
+            self._polling.plan(self._readings)
         else:
             await self._monitor([binding for binding in lost if not binding.monitored])
