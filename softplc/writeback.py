@@ -63,7 +63,8 @@ class WriteBacks:
     def step(self, scan: Scan, inputs: Image, outputs: Image) -> None:
         """Hand what is due to the links; each axis shows the worst of its write-backs."""
         for group in self._groups:
-            self._step(group, group.rows, scan, inputs, outputs)
+            if group.rows.size:
+                self._step(group, group.rows, scan, inputs, outputs)
         if not self._groups:
             return
         states = np.concatenate([group.states for group in self._groups])[self._order]
