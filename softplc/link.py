@@ -144,7 +144,7 @@ class Link:
 
     def put(self, position: int, value: float, until: float = float("inf")) -> None:
         """Have a value written while it is valid, which is `until` this monotonic time; the newest only."""
-        self.writing.put(np.array([position]), np.array([value]), until)
+        self.writing.slots.put(np.array([position]), np.array([value]), until)
 
     def flush(self) -> None:
         """Start writing what was put, unless a write is under way."""

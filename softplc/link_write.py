@@ -29,11 +29,41 @@ Flags = NDArray[np.bool_]
 log = structlog.get_logger("softplc.link")
 
 
-class Writing:
-    """What one link writes, by position. Counts since start: values `written`, `errors`, and `mismatches` read back.
+class Slots:
+    """What waits to be written and what became of it, by position. Arrays[n] that stay the same objects.
 
-    Of the newest answer to each position: how many there were, `answers` int64[n]; what was written, `answered`
-    float64[n]; the raw StatusCode, `statuses` uint32[n]; and the monotonic time, `times` float64[n].
+    `pending`: a value was put and nothing was done about it yet; `under_way`: the source has not answered yet.
+    `values` are valid `until` this monotonic time. Of the newest answer to each position: how many there were,
+    `answers`; what was written, `answered`; its raw StatusCode, `statuses`; its monotonic time, `times`.
+    """
+
+    def __init__(self, n: int) -> None:
+        self.pending: Flags = np.zeros(n, np.bool_)
+        self.under_way: Flags = np.zeros(n, np.bool_)
+        self.values: Numbers = np.zeros(n)
+        self.until: Numbers = np.zeros(n)
+        self.answers: NDArray[np.int64] = np.zeros(n, np.int64)
+        self.answered: Numbers = np.zeros(n)
+        self.statuses: NDArray[np.uint32] = np.full(n, StatusCode.GOOD, np.uint32)
+        self.times: Numbers = np.zeros(n)
+
+    def part(self, start: int, stop: int) -> "Slots":
+        """Some of them, in the same memory."""
+        part = Slots(0)
+        for name, array in vars(self).items():
+            setattr(part, name, array[start:stop])
+        return part
+
+    def put(self, positions: Positions, values: Numbers, until: float) -> None:
+        """Have values written; those that are still waiting are replaced by them."""
+        self.values[positions] = values
+        self.until[positions] = until
+        self.pending[positions] = True
+
+
+class Writing:
+    """What one link writes: `slots`. Counts since start: values `written`, `errors`, and `mismatches` read back.
+
     `fail(driver, reason)` is called when a write cost the connection.
     """
 
@@ -45,50 +75,28 @@ class Writing:
         timeout: float,
         fail: Callable[[Driver, str], None],
     ) -> None:
-        n = len(names)
         self.written = self.errors = self.mismatches = 0
-        self.answers: NDArray[np.int64] = np.zeros(n, np.int64)
-        self.answered: Numbers = np.zeros(n)
-        self.statuses: NDArray[np.uint32] = np.full(n, StatusCode.GOOD, np.uint32)
-        self.times: Numbers = np.zeros(n)
+        self.slots = Slots(len(names))
         self._name, self._names, self._clock, self._timeout, self._fail = name, names, clock, timeout, fail
-        self._values, self._until = np.zeros(n), np.zeros(n)
-        self._pending: Flags = np.zeros(n, np.bool_)
-        self._under_way: Flags = np.zeros(n, np.bool_)
         self._next = 0  # the position whose turn it is, where a request does not take all
         self._task: asyncio.Task[None] | None = None
         self._pause = 0.0
         self._from = float("-inf")
         self._limit = LogLimit()
 
-    def put(self, positions: Positions, values: Numbers, until: float) -> None:
-        """Have values written; those that are still waiting are replaced by them."""
-        self._values[positions] = values
-        self._until[positions] = until
-        self._pending[positions] = True
-
-    def pending(self, positions: Positions) -> Flags:
-        """Where a value was put and nothing was done about it yet."""
-        return self._pending[positions]
-
-    def waiting(self, positions: Positions) -> Flags:
-        """Where a value was put and the source has not answered yet."""
-        return self._pending[positions] | self._under_way[positions]
-
-    def withdraw(self, positions: Positions) -> None:
-        """Values that were put and not written yet are not to be written any more."""
-        self._pending[positions] = False
+    def __len__(self) -> int:
+        return len(self._names)
 
     def flush(self, driver: Driver | None, turn: asyncio.Lock) -> None:
         """Start writing what was put, unless a write is under way; without a driver it is dropped and counted.
 
         A device that does not answer writes costs the connection each time, so writing pauses longer and longer.
         """
-        if not self._pending.any():
+        if not self.slots.pending.any():
             return
         if driver is None:
-            self.errors += int(np.count_nonzero(self._pending))
-            self._pending.fill(False)
+            self.errors += int(np.count_nonzero(self.slots.pending))
+            self.slots.pending.fill(False)
         elif self._clock.monotonic() < self._from:
             return  # what was put waits, and newer values replace it
         elif self._task is None or self._task.done():
@@ -99,8 +107,8 @@ class Writing:
         if self._task is not None and not self._task.done():
             self._task.cancel()
         self._task = None
-        self._pending.fill(False)
-        self._under_way.fill(False)
+        self.slots.pending.fill(False)
+        self.slots.under_way.fill(False)
 
     def mismatch(self, position: int, wrote: float, found: float) -> None:
         """Another value was read back than was written."""
@@ -125,7 +133,7 @@ class Writing:
                 positions = self._take(driver.writes_at_once)
                 if not positions.size:  # withdrawn, or not valid any more
                     return False
-                values = self._values[positions]
+                values = self.slots.values[positions]
                 statuses = await driver.write(positions, values)
             self._note(positions, values, statuses)
         except (LinkError, TimeoutError) as error:
@@ -139,7 +147,7 @@ class Writing:
             self._lose(driver, len(positions), repr(error))
             return False
         finally:
-            self._under_way.fill(False)
+            self.slots.under_way.fill(False)
         self._pause = 0.0
         return True
 
@@ -148,14 +156,15 @@ class Writing:
 
         What is not valid any more stays until a newer value comes.
         """
-        ready = (self._pending & (self._clock.monotonic() <= self._until)).nonzero()[0]
+        slots = self.slots
+        ready = (slots.pending & (self._clock.monotonic() <= slots.until)).nonzero()[0]
         if ready.size > most:
             begin = ready.searchsorted(self._next) % ready.size
             ready = ready[begin : begin + most]
         if ready.size:
             self._next = int(ready[-1]) + 1
-        self._pending[ready] = False
-        self._under_way[ready] = True
+        slots.pending[ready] = False
+        slots.under_way[ready] = True
         return ready
 
     def _lose(self, driver: Driver, values: int, reason: str) -> None:
@@ -163,16 +172,16 @@ class Writing:
         self._fail(driver, reason)
 
     def _note(self, positions: Positions, values: Numbers, statuses: NDArray[np.uint32]) -> None:
-        failed = int(np.count_nonzero(statuses >= _BAD))
+        slots, failed = self.slots, int(np.count_nonzero(statuses >= _BAD))
         self.written += len(positions) - failed
         self.errors += failed
-        for one in (statuses != self.statuses[positions]).nonzero()[0]:
+        for one in (statuses != slots.statuses[positions]).nonzero()[0]:
             event = "write refused" if statuses[one] >= _BAD else "write accepted again"
             self._tell("warning", event, tag=self._names[positions[one]], status=status_name(int(statuses[one])))
-        self.answers[positions] += 1
-        self.answered[positions] = values
-        self.statuses[positions] = statuses
-        self.times[positions] = self._clock.monotonic()
+        slots.answers[positions] += 1
+        slots.answered[positions] = values
+        slots.statuses[positions] = statuses
+        slots.times[positions] = self._clock.monotonic()
 
     def _tell(self, level: str, event: str, **fields: object) -> None:
         room = self._limit.ask(self._clock.monotonic())

@@ -74,15 +74,15 @@ async def test_a_write_back_that_raises_is_parked_with_what_it_had_put_and_its_n
     bad = WriteBack(rig.echo.start, rig.link, 0, name="Echo.0", state=rig.echo.start + 1, every_scans=1)
     good = WriteBack(rig.echo.start, rig.link, 1, every_scans=1)
     rig.write_backs(bad, good)
-    (group,) = rig.task.write_backs._groups
-    step = group.step
+    write_backs = rig.task.write_backs
+    step = write_backs._step_rows
 
     def broken(rows, scan, inputs, outputs):
         step(rows, scan, inputs, outputs)
         if 0 in rows and scan.number >= 3:
             raise DefectError
 
-    group.step = broken
+    write_backs._step_rows = broken
     with structlog.testing.capture_logs() as lines:
         await rig.run(10)
     assert [line["write_back"] for line in events(lines, "write-back parked")] == ["Echo.0"]

@@ -7,9 +7,11 @@ import numpy as np
 import structlog
 
 from softplc.clock import SystemClock, VirtualClock
+from softplc.link import Link
 from softplc.read_back import ReadBack
 from softplc.sample import StatusCode, WriteState
 from softplc.writeback import WriteBack
+from tests.support.drivers import Device
 from tests.support.network import eventually
 from tests.support.tasks import Rig
 
@@ -100,7 +102,7 @@ async def test_a_value_that_waited_for_its_turn_while_the_machine_slept_is_not_w
         for _ in range(10):
             await asyncio.sleep(0)
         assert rig.device.written == []
-        assert rig.link.writing.pending(0)  # until a newer one comes, or it is withdrawn
+        assert rig.link.writing.slots.pending[0]  # until a newer one comes, or it is withdrawn
         rig.link.put(0, 2.0, until=clock.monotonic() + 0.3)
         rig.link.flush()
         await eventually(lambda: rig.device.written == [{0: 2.0}])
@@ -309,6 +311,32 @@ async def test_every_write_back_of_many_does_what_it_does_alone():
         alone, written_alone = await states_and_writes([each])
         assert [states[k] for states in together] == [states[0] for states in alone]
         assert [values[k] for values in written if k in values] == [values[0] for values in written_alone]
+
+
+async def test_a_lost_link_withholds_what_goes_into_it_and_no_more():
+    rig = Rig(period=PERIOD, readings=3, writings="ab")
+    device = Device(rig.clock)
+    other = Link("other", device.driver, [], ["c", "d"], rig.clock, 0.2, 1.0)
+    start, states = rig.echo.start, []
+    rig.write_backs(
+        WriteBack(start, rig.link, 1, state=start + 1),
+        WriteBack(start, other, 1, state=start + 2),
+    )
+
+    def scan(scan):
+        rig.device.values = [float(scan.number), 0.0, 0.0]
+        device.reachable = scan.number >= 20
+        other.flush()
+        states.append((rig.value("Echo.1"), rig.value("Echo.2")))
+
+    async with asyncio.TaskGroup() as group:
+        running = group.create_task(other.run())
+        await rig.run(50, scan)
+        running.cancel()
+    assert set(states[5:20]) == {(WriteState.WRITTEN, WriteState.WITHHELD)}
+    assert states[-1] == (WriteState.WRITTEN, WriteState.WRITTEN)
+    assert {1} == {position for values in rig.device.written + device.written for position in values}
+    assert device.written[-1][1] == 48.0  # of the newest scan
 
 
 async def test_where_a_device_takes_few_values_at_a_time_each_gets_its_turn():
