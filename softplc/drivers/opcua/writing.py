@@ -27,7 +27,7 @@ class Writings:
         self._elements = [tag.index for tag in tags]
         self._loops: dict[int, str] = {}  # never written: they are read as well
         self._statuses: NDArray[np.uint32] = np.zeros(len(tags), np.uint32)  # not Good: it is not sent
-        self._writes = Writes(session, [], slow)
+        self._writes = Writes(session, [None] * len(tags), slow)
 
     @property
     def problems(self) -> tuple[str, ...]:
@@ -41,12 +41,16 @@ class Writings:
 
     async def bind(self, readings: Sequence[Binding]) -> None:
         """Resolve and check those that are lost; none is written that is one of the readings. Raises LinkError."""
+        lost = [position for position, binding in enumerate(self._bindings) if binding.problem]
         await bind(self._session, self.lost)
         self._loops.update(find_loops(readings, self._bindings))
-        self._statuses[:] = [self._status(position) for position in range(len(self._bindings))]
-        targets = [self._target(position) for position in range(len(self._bindings))]
+        targets = list(self._writes.targets)
+        for position in lost:
+            targets[position] = self._target(position)
         if targets != self._writes.targets:
             self._writes = Writes(self._session, targets, self._slow)
+        for position in {*lost, *self._loops}:
+            self._statuses[position] = self._status(position)
 
     async def write(self, positions: Positions, values: NDArray[np.float64]) -> NDArray[np.uint32]:
         """Write these; one that does not fit its variable's type is not sent and BadOutOfRange. Raises LinkError.
@@ -68,7 +72,7 @@ class Writings:
         statuses = np.full(len(positions), StatusCode.BAD_OUT_OF_RANGE, np.uint32)
         requests: list[tuple[int, ua.WriteValue]] = []
         for place, (position, value) in enumerate(zip(positions.tolist(), values.tolist(), strict=True)):
-            target = self._target(position)
+            target = self._writes.targets[position]
             assert target is not None
             node, kind, element = target
             number = encode(value, kind)
@@ -86,10 +90,10 @@ class Writings:
         binding = self._bindings[position]
         if is_bad(binding.status):
             return binding.status
-        return StatusCode.GOOD if self._target(position) is not None else StatusCode.BAD_TYPE_MISMATCH
+        return StatusCode.GOOD if self._writes.targets[position] else StatusCode.BAD_TYPE_MISMATCH
 
     def _target(self, position: int) -> Target | None:
-        """What is written to, where it is known."""
+        """What is to be written to, as the binding knows it now."""
         binding = self._bindings[position]
         if binding.node is None or binding.variant_type not in NUMBER_TYPES:
             return None

@@ -98,7 +98,7 @@ class Writes:
     for the last few sets are kept.
     """
 
-    def __init__(self, session: Session, targets: Sequence[Target | None], slow: SlowState) -> None:
+    def __init__(self, session: Session, targets: list[Target | None], slow: SlowState) -> None:
         self.targets = targets
         self._session = session
         self._slow = slow
