@@ -1,6 +1,7 @@
 """Servers that die, hang, come back different or never answer: the link is told at once, and the next one works."""
 
 import asyncio
+import contextlib
 import gc
 import os
 import signal
@@ -16,6 +17,7 @@ from typing import Any
 
 import pytest
 
+from softplc.clock import SystemClock
 from softplc.drivers.opcua.driver import REBIND, OpcUaDriver
 from softplc.errors import LinkError
 from softplc.sample import StatusCode
@@ -241,14 +243,15 @@ async def test_a_connect_that_gets_no_answer_at_all_ends_in_time():
 
 async def test_a_cancelled_open_leaves_nothing_behind(plc: NodePlc):
     tasks, fds = len(asyncio.all_tasks()), descriptors()
-    for turns in range(0, 60, 3):
-        driver = make_driver(plc.url, [f"{AXIS}.Float"], mode="subscribe")
-        opening = asyncio.create_task(driver.open())
-        for _ in range(turns):
-            await asyncio.sleep(0.001)
-        opening.cancel()
-        await asyncio.gather(opening, return_exceptions=True)
-        await driver.close()
+    with contextlib.closing(SystemClock()) as clock:
+        for turns in range(0, 60, 3):
+            driver = make_driver(plc.url, [f"{AXIS}.Float"], clock=clock, mode="subscribe")
+            opening = asyncio.create_task(driver.open())
+            for _ in range(turns):
+                await asyncio.sleep(0.001)
+            opening.cancel()
+            await asyncio.gather(opening, return_exceptions=True)
+            await driver.close()
 
     await eventually(lambda: len(asyncio.all_tasks()) <= tasks and descriptors() <= fds)
 
@@ -257,9 +260,10 @@ async def test_a_cancelled_open_leaves_nothing_behind(plc: NodePlc):
 async def test_twenty_connections_leave_no_task_no_descriptor_and_no_session(plc: NodePlc, mode: str):
     gc.collect()
     tasks, fds, before = len(asyncio.all_tasks()), descriptors(), sessions(plc)
-    for _ in range(20):
-        async with opened(plc.url, [f"{AXIS}.Float", f"{AXIS}.Nope"], mode=mode) as driver:
-            assert (await read(driver, 2)).values[0] == 0.5
+    with contextlib.closing(SystemClock()) as clock:
+        for _ in range(20):
+            async with opened(plc.url, [f"{AXIS}.Float", f"{AXIS}.Nope"], clock=clock, mode=mode) as driver:
+                assert (await read(driver, 2)).values[0] == 0.5
 
     gc.collect()
     await eventually(lambda: len(asyncio.all_tasks()) <= tasks and descriptors() <= fds)

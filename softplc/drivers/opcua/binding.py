@@ -7,7 +7,7 @@ found and what would be right; it is tried again, for a server may come up befor
 import difflib
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 from asyncua import ua
@@ -45,7 +45,8 @@ class Binding:
 
     `node` is None until the address is resolved. `problem` is empty when all is well; `status` is Good, or why there
     is no value. `variant_type` is the type of the variable's elements as last seen; `first_types` is where the type
-    that it had first is kept, None where any number will do.
+    that it had first is kept, None where any number will do. `handle` is its number
+    among its group. `monitored`: a subscription reports it; `polled`: one did not when it should have, so it is read.
     """
 
     address: Address
@@ -54,8 +55,17 @@ class Binding:
     status: int = StatusCode.BAD_NODE_ID_UNKNOWN
     problem: str = "not looked for yet"
     variant_type: ua.VariantType | None = None
-    monitored: bool = field(default=False)
+    handle: int = 0
+    monitored: bool = False
+    polled: bool = False
     first_types: FirstTypes | None = None
+
+    @property
+    def trouble(self) -> str:
+        """What is to be told of the tag; empty when all is well."""
+        if self.polled and not self.problem:
+            return f"{self.address}: the subscription fell silent about it; it is read in every scan instead"
+        return self.problem
 
     def accepts(self, now: ua.VariantType) -> bool:
         """Whether a number of this type is still what the variable was; if not, its problem says so."""
@@ -85,7 +95,7 @@ def group(tags: Sequence[OpcUaTag], first_types: FirstTypes | None = None) -> li
     bindings: dict[Address, Binding] = {}
     for position, tag in enumerate(tags):
         address = parse_address(tag.node)
-        binding = bindings.setdefault(address, Binding(address, [], first_types=first_types))
+        binding = bindings.setdefault(address, Binding(address, [], first_types=first_types, handle=len(bindings)))
         binding.uses.append((position, tag.index))
     return list(bindings.values())
 

@@ -4,7 +4,8 @@
 `mode: subscribe` keeps an image of the newest values that the server reported, and `read` copies it. A value that
 does not change and a server that is gone look alike, so a server that has had nothing to report for PROOF_AFTER has
 to answer for its clock first, and for some of the variables (`witnesses.py`): one that changed without a report means
-that the subscription is dead. The subscription itself has `stale_after_ms` for a notification or a keep-alive.
+that the subscription is dead. The subscription itself has `stale_after_ms` for a notification or a keep-alive. One
+variable that falls silent alone is found by reading all of them in turn (`patrol.py`).
 
 The driver does not reconnect: whatever is wrong with the connection is a LinkError, and the next connection is a
 new driver. Of one tag's trouble the connection takes no notice: the tag is Bad and is looked for again every
@@ -22,13 +23,14 @@ from asyncua import ua
 from numpy.typing import NDArray
 
 from softplc.clock import Clock
-from softplc.drivers.opcua.binding import Binding, bind, group, put
+from softplc.drivers.opcua.binding import Binding, bind, group, put, server_time
 from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
 from softplc.drivers.opcua.credentials import Credentials
 from softplc.drivers.opcua.fast.notification import Changes, Published
 from softplc.drivers.opcua.fast.plain import SlowState
 from softplc.drivers.opcua.fast.seam import proven
-from softplc.drivers.opcua.polling import Polling
+from softplc.drivers.opcua.patrol import Patrol
+from softplc.drivers.opcua.reading import Reads, plan_reads
 from softplc.drivers.opcua.session import Session, within
 from softplc.drivers.opcua.subscription import Subscription
 from softplc.drivers.opcua.types import first_types
@@ -75,13 +77,15 @@ class OpcUaDriver:
             max(SHORTEST_SESSION, 4.0 * period),
         )
         self._sampling = period if config.sampling_ms is None else config.sampling_ms / 1000.0
+        self._reads: Reads = ()
         self.slow = SlowState()
-        self._polling = Polling(self._session, clock, self.slow)
         self._writings = Writings(self._session, writings, self.slow)
         self._subscription: Subscription | None = None
         self._latest = Image(len(readings))
         self._changes = Changes(self._readings, self._latest)
         self._witnesses = Witnesses(self._session, self._readings, self._latest, clock)
+        self._patrol = Patrol(self._session, self._readings, self._latest, clock, self.slow)
+        self._patrolling: asyncio.Task[None] | None = None
         self._answered = -math.inf
         self._awaited: set[int] = set()
         self._fault: LinkError | None = None
@@ -91,7 +95,7 @@ class OpcUaDriver:
     @property
     def problems(self) -> tuple[str, ...]:
         """What is wrong with single tags: what was found, what would be right. Changes while connected."""
-        told = [binding.problem for binding in self._readings if binding.problem]
+        told = [binding.trouble for binding in self._readings if binding.trouble]
         return (*told, *self._writings.problems)
 
     @property
@@ -138,9 +142,9 @@ class OpcUaDriver:
         if self._subscription is not None:
             self._subscription.check()
             await self._prove_life(self._subscription)
-            into.take_over(self._latest)
-            return
-        await self._polling.read(into)
+        for part in self._reads:
+            await part.read(self._latest)
+        into.take_over(self._latest)
 
     async def write(self, positions: Positions, values: NDArray[np.float64]) -> NDArray[np.uint32]:
         """Write numbers as each variable's own type; one that does not fit it is not sent and BadOutOfRange.
@@ -152,8 +156,9 @@ class OpcUaDriver:
 
     async def close(self) -> None:
         """Let go at once and without raising; what the server is told goes on in the background for a second."""
-        if self._chores is not None:
-            self._chores.cancel()
+        for task in (self._chores, self._patrolling):
+            if task is not None:
+                task.cancel()
         if self._subscription is not None:
             self._subscription.close()
         self._session.close()
@@ -167,37 +172,56 @@ class OpcUaDriver:
             await self._subscribe()
             await self._await_first_values(deadline)
         else:
-            self._polling.plan(self._readings)
+            self._plan()
+
+    def _plan(self) -> None:
+        """Read every resolved variable, those with a problem too: its status is the server's, and its end is seen.
+
+        With a subscription only those about which it fell silent.
+        """
+        found = [binding for binding in self._readings if binding.node is not None] or [server_time()]
+        for binding in self._readings:
+            if binding.node is None:
+                self._latest.fail(binding.status, (position for position, _ in binding.uses))
+        if self._subscription is not None:
+            found = [binding for binding in found if binding.polled]
+        self._reads = plan_reads(self._session, found, self._reads, self.slow)
 
     async def _subscribe(self) -> None:
         config = self._config
         publishing = self._period if config.publishing_ms is None else config.publishing_ms / 1000.0
         stale_after = config.stale_after_ms / 1000.0
+        whole = self._take_changes if proven() else None
         self._subscription = Subscription(
-            self._session,
-            self._clock,
-            publishing,
-            stale_after,
-            self._take,
-            self.slow,
-            self._take_changes if proven() else None,
+            self._session, self._clock, publishing, stale_after, self._take, self.slow, whole
         )
         await self._subscription.open()
         await self._monitor(self._readings)
+        self._patrolling = asyncio.get_running_loop().create_task(
+            self._patrol.run(self._subscription.grace, self._poll), name="opcua patrol"
+        )
+        self._patrolling.add_done_callback(self._done)
 
     async def _monitor(self, bindings: Sequence[Binding]) -> None:
         """Have these reported where they exist; the others show why they are not."""
         assert self._subscription is not None
         ready = [binding for binding in bindings if binding.node is not None and not is_bad(binding.status)]
-        handle_of = {id(binding): handle for handle, binding in enumerate(self._readings)}
-        handles = [handle_of[id(binding)] for binding in ready]
-        self._awaited |= set(handles)
+        self._awaited |= {binding.handle for binding in ready}
         stamped = [any(position in self._stamped for position, _ in binding.uses) for binding in ready]
-        await self._subscription.monitor(ready, handles, stamped, self._sampling, self._config.queue_size)
+        await self._subscription.monitor(ready, stamped, self._sampling, self._config.queue_size)
         for binding in bindings:
             if not binding.monitored:
-                self._awaited.discard(handle_of[id(binding)])
+                self._awaited.discard(binding.handle)
                 self._latest.fail(binding.status, (position for position, _ in binding.uses))
+        self._patrol.renew()
+
+    async def _poll(self, silent: Sequence[Binding]) -> None:
+        """Read these from now on: the subscription fell silent about them."""
+        assert self._subscription is not None
+        for binding in silent:
+            binding.monitored, binding.polled = False, True
+        await self._subscription.forget(silent)
+        self._plan()
 
     async def _await_first_values(self, deadline: float) -> None:
         """Give the subscription time to prove itself with data; what does not come stays BadWaitingForInitialData."""
@@ -221,7 +245,7 @@ class OpcUaDriver:
         if self._clock.monotonic() - silent_since <= limit:
             return
         asked = self._clock.monotonic()
-        grace = subscription.sampling + 2.0 * subscription.publishing
+        grace = subscription.grace
         self._answered = await self._witnesses.ask(self._witnesses.some(), grace)
         if self._answered - asked > limit:
             self._answered = await self._witnesses.ask(self._witnesses.everybody(), grace)
@@ -247,29 +271,26 @@ class OpcUaDriver:
         if due and (self._chores is None or self._chores.done()):
             self._chores_at = now + REBIND
             self._chores = asyncio.get_running_loop().create_task(self._do_chores(), name="opcua chores")
-            self._chores.add_done_callback(self._chores_done)
+            self._chores.add_done_callback(self._done)
 
-    def _chores_done(self, chores: "asyncio.Task[None]") -> None:
-        error = None if chores.cancelled() else chores.exception()
-        if error is not None:
+    def _done(self, task: "asyncio.Task[None]") -> None:
+        """What went on in the background ended: the connection's end, unless it was to."""
+        error = None if task.cancelled() else task.exception()
+        if isinstance(error, LinkError):
+            self._fault = error
+        elif error is not None:
             self._fault = LinkError(f"{self._session.url}: a defect: {error!r}")
 
     async def _do_chores(self) -> None:
-        try:
-            if self._session.renewal_due:
-                await self._session.renew()
-            await self._rebind()
-        except LinkError as error:
-            self._fault = error
-
-    async def _rebind(self) -> None:
+        """Renew the channel's token, and look anew for what has a problem."""
+        if self._session.renewal_due:
+            await self._session.renew()
         lost = [binding for binding in self._readings if binding.problem]
         if not lost and not self._writings.lost:
             return
         await self._session.refresh_namespaces()
         await bind(self._session, lost)
         await self._writings.bind(self._readings)
-        if self._subscription is None:
-            self._polling.plan(self._readings)
-        else:
-            await self._monitor([binding for binding in lost if not binding.monitored])
+        if self._subscription is not None:
+            await self._monitor([binding for binding in lost if not (binding.monitored or binding.polled)])
+        self._plan()

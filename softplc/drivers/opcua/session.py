@@ -25,7 +25,6 @@ from softplc.errors import LinkError
 DEFAULT_PORT: Final = 4840
 RENEW_AT: Final = 0.75
 """Part of a secure channel's lifetime after which its token is renewed (OPC 10000-4, 5.6.2.1)."""
-
 SIGN_AND_ENCRYPT: Final = ua.MessageSecurityMode.SignAndEncrypt
 NONE: Final = "#None"
 T = TypeVar("T")
@@ -157,6 +156,11 @@ class Session:
         service = self._transport.session.create_monitored_items(parameters)
         return await self._list("CreateMonitoredItems", service, len(parameters.ItemsToCreate))
 
+    async def delete_monitored_items(self, subscription: int, items: list[int]) -> None:
+        """One DeleteMonitoredItems. Raises LinkError."""
+        parameters = ua.DeleteMonitoredItemsParameters(subscription, items)
+        await self._call("DeleteMonitoredItems", self._transport.session.delete_monitored_items(parameters))
+
     async def publish(self, acknowledgements: list[ua.SubscriptionAcknowledgement]) -> ua.PublishResponse:
         """Wait for the next notification or keep-alive, without timeout. Raises LinkError."""
         response = await self._call("Publish", self._transport.session.publish(acknowledgements))
@@ -184,8 +188,7 @@ class Session:
 
     async def refresh_namespaces(self) -> None:
         """Learn the NamespaceArray anew. Raises LinkError."""
-        (data,) = await self.read([_value(ua.ObjectIds.Server_NamespaceArray)])
-        self._take_namespaces(data)
+        self._take_namespaces(*await self.read([_value(ua.ObjectIds.Server_NamespaceArray)]))
 
     def close(self) -> None:
         """Let go at once; the socket is gone within a second, whatever the server does."""
@@ -218,7 +221,7 @@ class Session:
     def _schedule_renewal(self) -> None:
         self._renew_at = self._clock.monotonic() + RENEW_AT * self._client.secure_channel_timeout / 1000.0
 
-    async def _call(self, service: str, call: Coroutine[Any, Any, Any]) -> Any:
+    async def _call(self, service: str, call: Coroutine[Any, Any, T]) -> T:
         with link_errors(f"{self.url}: {service}"):
             return await call
 

@@ -71,6 +71,7 @@ class Subscription:
         self._stale_after = stale_after
         self._deliver = deliver
         self._id = 0
+        self._items: dict[int, int] = {}  # the server's number of the item, for each handle
         self._next_number: int | None = None
         self._workers: set[asyncio.Task[None]] = set()
 
@@ -106,42 +107,54 @@ class Subscription:
     async def monitor(
         self,
         bindings: Sequence[Binding],
-        handles: Sequence[int],
         stamped: Sequence[bool],
         sampling: float,
         queue: int,
     ) -> None:
-        """Report changes of these variables under these handles; a variable that is refused has its problem told.
+        """Report changes of these variables under their handles; a variable that is refused has its problem told.
 
         Of those that are `stamped` a new source timestamp is a change, too. Raises LinkError when the server does not
         answer.
         """
-        triples = list(zip(bindings, handles, stamped, strict=True))
-        for some in batches(triples, min(BATCH, self._session.limits.monitor)):
+        await self.forget(bindings)
+        pairs = list(zip(bindings, stamped, strict=True))
+        for some in batches(pairs, min(BATCH, self._session.limits.monitor)):
             items = [
                 ua.MonitoredItemCreateRequest(
                     ItemToMonitor=read_value(binding.node),
                     MonitoringMode=ua.MonitoringMode.Reporting,
                     RequestedParameters=ua.MonitoringParameters(
-                        ClientHandle=handle,
+                        ClientHandle=binding.handle,
                         SamplingInterval=sampling * 1000.0,
                         Filter=_with_timestamp() if by_stamp else None,
                         QueueSize=queue,
                         DiscardOldest=True,
                     ),
                 )
-                for binding, handle, by_stamp in some
+                for binding, by_stamp in some
             ]
             results = await self._session.create_monitored_items(
                 ua.CreateMonitoredItemsParameters(self._id, ua.TimestampsToReturn.Source, items)
             )
-            for (binding, *_), result in zip(some, results, strict=True):
+            for (binding, _), result in zip(some, results, strict=True):
                 status = int(result.StatusCode.value)
                 binding.monitored = result.StatusCode.is_good()
                 if binding.monitored:
+                    self._items[binding.handle] = int(result.MonitoredItemId)
                     self.sampling = max(self.sampling, result.RevisedSamplingInterval / 1000.0)
                 else:
                     binding.lose(status, f"{binding.address}: cannot be monitored: {ua.StatusCode(status).name}")
+
+    async def forget(self, bindings: Sequence[Binding]) -> None:
+        """Have these reported no more; one that the server has not any more is none the worse. Raises LinkError."""
+        items = [self._items.pop(binding.handle) for binding in bindings if binding.handle in self._items]
+        for some in batches(items, min(BATCH, self._session.limits.monitor)):
+            await self._session.delete_monitored_items(self._id, list(some))
+
+    @property
+    def grace(self) -> float:
+        """Seconds that a change takes to be reported."""
+        return self.sampling + 2.0 * self.publishing
 
     def check(self) -> None:
         """Raise what is wrong with the subscription as LinkError."""

@@ -2,8 +2,8 @@
 
 A subscription can die without a word while reads go on; what it showed last then looks like values that stand still.
 So the read that proves the server's life also asks for some of the subscribed variables. One whose value differs from
-what is shown and is newer by its source timestamp contradicts the subscription; when that goes on for longer than a
-report takes, the subscription is dead. Asked is for the server's cached values, which is what it samples: a device
+what is shown and is not older by its source timestamp contradicts the subscription; when that goes on for longer than
+a report takes, the subscription is dead. Asked is for the server's cached values, which is what it samples: a device
 behind it may be ahead of both.
 """
 
@@ -74,15 +74,17 @@ class Witnesses:
         for number, data in zip(numbers, values[1:], strict=True):
             binding = self._readings[number]
             if any(self._differs(position, data, index) for position, index in binding.uses):
-                if now - self._doubts.setdefault(number, now) > grace:
+                put(binding, data, self._latest, now, self._clock.utc_ns())
+                if binding.problem:  # it is gone or of another type, which says nothing of the others
+                    binding.monitored = False
+                elif now - self._doubts.setdefault(number, now) > grace:
                     what = f"{binding.address} changed, and the subscription does not report it"
                     raise LinkError(f"{self._session.url}: {what}")
-                put(binding, data, self._latest, now, self._clock.utc_ns())
         return now
 
     def _differs(self, position: int, data: ua.DataValue, index: int | None) -> bool:
         value, status, stamp = decode(data, index)
-        if stamp is None or stamp <= self._latest.source_timestamps[position]:
+        if stamp is not None and stamp <= self._latest.source_timestamps[position]:
             return False
         shown = float(self._latest.values[position])
         same = value == shown or (math.isnan(value) and math.isnan(shown))

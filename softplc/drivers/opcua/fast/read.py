@@ -11,17 +11,17 @@ from softplc.drivers.opcua.fast.plain import HEAD, SlowState, check_count, has_p
 from softplc.drivers.opcua.fast.records import NUMBERS, Layout
 from softplc.drivers.opcua.fast.samples import BAD, MISMATCH, Samples
 from softplc.drivers.opcua.fast.seam import decode_head, decode_message, decode_value
-from softplc.drivers.opcua.session import Session, batches, link_errors
+from softplc.drivers.opcua.session import Session, link_errors
 from softplc.tags import NO_TIMESTAMP, Image
 
 
 class ReadPlan:
     """One Read request for these bindings and the way of its answer into the image.
 
-    `slow` counts what asyncua's decoder had to do.
+    `slow` counts what asyncua's decoder had to do. `max_age` in ms: how old a value the server may give, 0: none.
     """
 
-    def __init__(self, session: Session, bindings: Sequence[Binding], slow: SlowState) -> None:
+    def __init__(self, session: Session, bindings: Sequence[Binding], slow: SlowState, max_age: float = 0.0) -> None:
         self.bindings = tuple(bindings)
         self._nodes = tuple(binding.node for binding in bindings)
         self._session = session
@@ -40,7 +40,7 @@ class ReadPlan:
         one_each = [record for record, _, _ in uses] == list(range(len(bindings)))
         self._direct = isinstance(where, slice) and one_each and not self._elements
         parameters = ua.ReadParameters(
-            MaxAge=0.0,
+            MaxAge=max_age,
             TimestampsToReturn=ua.TimestampsToReturn.Source,
             NodesToRead=[read_value(binding.node) for binding in bindings],
         )
@@ -144,20 +144,6 @@ class ReadPlan:
                 self.bindings[record].note(int(told[record]))
             self._noted[:] = told
             self._any_noted = True
-
-
-def plan_reads(
-    session: Session, bindings: Sequence[Binding], before: Sequence[ReadPlan], slow: SlowState
-) -> list[ReadPlan]:
-    """The Reads for all these bindings, of which those that still serve are taken from the plans before."""
-    plans: list[ReadPlan] = []
-    for number, some in enumerate(batches(bindings, session.limits.read)):
-        plan = before[number] if number < len(before) else None
-        if plan is None or not plan.serves(some):
-            plan = ReadPlan(session, some, slow)
-        plan.renew()
-        plans.append(plan)
-    return plans
 
 
 def _slice_of(numbers: list[int]) -> slice | NDArray[np.intp]:
