@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from asyncua import ua
+from asyncua.server.subscription_service import SubscriptionService
 
 from softplc.clock import SystemClock
 from softplc.drivers.opcua.binding import Binding
@@ -184,6 +185,27 @@ async def test_a_slower_server_gets_a_keep_alive_that_fits_or_is_refused(plc: No
     driver = make_driver(plc.url, [f"{AXIS}.Float"], **hasty, stale_after_ms=50.0)
     with pytest.raises(LinkError, match=r"stale_after_ms of \d+ or more \(it is 50\), or mode: poll"):
         await driver.open()
+
+
+@pytest.mark.parametrize("slowest", [150.0, 300.0, 500.0])
+async def test_a_server_that_publishes_far_more_slowly_than_asked_is_subscribed_to_all_the_same(
+    asyncua_plc: AsyncuaPlc, monkeypatch: pytest.MonkeyPatch, slowest: float
+):
+    """This one heeds no ModifySubscription either."""
+    create = SubscriptionService.create_subscription
+
+    async def slowly(service: Any, parameters: Any, *more: Any, **named: Any) -> Any:
+        parameters.RequestedPublishingInterval = max(slowest, parameters.RequestedPublishingInterval)
+        return await create(service, parameters, *more, **named)
+
+    monkeypatch.setattr(SubscriptionService, "create_subscription", slowly)
+    tag = f"ns={asyncua_plc.index};s=Moving"
+    moving(asyncua_plc, 0.0)
+    async with opened(asyncua_plc.url, [tag], mode="subscribe", stale_after_ms=1000.0) as driver:
+        image = await read(driver, 1)
+        moving(asyncua_plc, slowest)
+        await read_until(driver, image, lambda: image.values[0] == slowest)
+        assert len(asyncua_plc.server.iserver.subscription_service.subscriptions) == 1
 
 
 async def test_a_change_that_the_subscription_does_not_report_is_a_lost_link(plc: NodePlc):

@@ -145,9 +145,9 @@ class Session:
         service = self._transport.request(request, ua.CreateSubscriptionResponse)
         return (await self._call("CreateSubscription", service)).Parameters
 
-    async def modify_subscription(self, parameters: ua.ModifySubscriptionParameters) -> ua.ModifySubscriptionResult:
-        """ModifySubscription. Raises LinkError."""
-        return await self._call("ModifySubscription", self._transport.session.update_subscription(parameters))
+    async def delete_subscription(self, subscription: int) -> None:
+        """DeleteSubscriptions of one. Raises LinkError."""
+        await self._call("DeleteSubscriptions", self._transport.session.delete_subscriptions([subscription]))
 
     async def create_monitored_items(
         self, parameters: ua.CreateMonitoredItemsParameters

@@ -77,21 +77,10 @@ class Subscription:
 
     async def open(self) -> None:
         """Create it and start publishing. Raises LinkError, also when its keep-alive cannot prove life in time."""
-        count = self._keep_alive_count(self.publishing)
-        result = await self._session.create_subscription(
-            ua.CreateSubscriptionParameters(
-                RequestedPublishingInterval=self.publishing * 1000.0,
-                RequestedLifetimeCount=_lifetime_count(count, self.publishing),
-                RequestedMaxKeepAliveCount=count,
-                MaxNotificationsPerPublish=MAX_NOTIFICATIONS,
-                PublishingEnabled=True,
-                Priority=0,
-            )
-        )
-        self._id = result.SubscriptionId
-        self.publishing = result.RevisedPublishingInterval / 1000.0
+        result = await self._create()
         if result.RevisedMaxKeepAliveCount > self._keep_alive_count(self.publishing):
-            result = await self._shorten_keep_alive()
+            await self._session.delete_subscription(self._id)  # it publishes more slowly than asked: fewer counts do
+            result = await self._create()
         keep_alive = self.publishing * result.RevisedMaxKeepAliveCount
         if keep_alive * 1.5 > self._stale_after:
             raise LinkError(
@@ -175,18 +164,20 @@ class Subscription:
     def _keep_alive_count(self, publishing: float) -> int:
         return max(1, int(min(self._stale_after / 3.0, SLOWEST_KEEP_ALIVE) / publishing))
 
-    async def _shorten_keep_alive(self) -> ua.ModifySubscriptionResult:
-        """The server publishes more slowly than asked, and so its keep-alive is slower too: ask for fewer counts."""
+    async def _create(self) -> ua.CreateSubscriptionResult:
+        """A subscription that publishes as often as the last one did, or as asked, and says in time that it lives."""
         count = self._keep_alive_count(self.publishing)
-        result = await self._session.modify_subscription(
-            ua.ModifySubscriptionParameters(
-                SubscriptionId=self._id,
+        result = await self._session.create_subscription(
+            ua.CreateSubscriptionParameters(
                 RequestedPublishingInterval=self.publishing * 1000.0,
                 RequestedLifetimeCount=_lifetime_count(count, self.publishing),
                 RequestedMaxKeepAliveCount=count,
                 MaxNotificationsPerPublish=MAX_NOTIFICATIONS,
+                PublishingEnabled=True,
+                Priority=0,
             )
         )
+        self._id = result.SubscriptionId
         self.publishing = result.RevisedPublishingInterval / 1000.0
         return result
 
@@ -195,6 +186,7 @@ class Subscription:
         try:
             while self.fault is None:
                 if self._take_changes is None:
+                    self._slow.messages += 1
                     response = await self._session.publish(acknowledgements)
                     with link_errors(f"{self._session.url}: Publish"):
                         acknowledgements = self._take(response)
