@@ -1,6 +1,5 @@
 """Sessions: how many, how they are recognised, and what each service may do for whom."""
 
-import dataclasses
 import math
 import os
 import sys
@@ -24,12 +23,12 @@ from softplc.publishers.opcua.hardened.places import (
     has_room,
     session_that_gives_way,
 )
+from softplc.publishers.opcua.hardened.reading import check_read, results_of
 from softplc.publishers.opcua.hardened.subscriptions import MonitoredItems, Subscriptions
 from softplc.publishers.opcua.hardened.view import Browser, ReferenceTypes
-from softplc.publishers.opcua.values import Watch, stamped
+from softplc.publishers.opcua.values import Watch
 
 _ANONYMOUS = User(UserRole.Anonymous)
-_READ_WRITE = 1 << ua.AccessLevel.CurrentRead | 1 << ua.AccessLevel.CurrentWrite
 
 
 class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
@@ -82,15 +81,10 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
         await super().close_session(delete_subs or self.user.name is None)
 
     async def read(self, params: Any) -> list[Any]:
-        """Read; UserAccessLevel is the session's own, timestamps are those asked for (asyncua: always both)."""
+        """Read; UserAccessLevel is the session's own."""
+        check_read(params)
         self.iserver.limits.check_operations(params.NodesToRead)
-        wanted = params.TimestampsToReturn
-        results = [stamped(value, wanted) for value in self.iserver.attribute_service.read(params)]
-        for number, item in enumerate(params.NodesToRead):
-            if item.AttributeId == ua.AttributeIds.UserAccessLevel and self._may_write(item.NodeId):
-                variant = ua.Variant(_READ_WRITE, ua.VariantType.Byte)
-                results[number] = dataclasses.replace(results[number], Value=variant)
-        return results
+        return results_of(params, self.iserver.attribute_service.read(params), self._may_write)
 
     async def write(self, params: Any) -> list[Any]:
         """Write: never to a node, always through the rules of `access`."""

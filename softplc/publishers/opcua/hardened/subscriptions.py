@@ -12,10 +12,10 @@ from asyncua.server.subscription_service import SubscriptionService
 from softplc.publishers.opcua.hardened.filters import fit, present, reportable, wants_stamps
 from softplc.publishers.opcua.hardened.parts import part_of
 from softplc.publishers.opcua.hardened.publishing import Subscription
+from softplc.publishers.opcua.hardened.reading import STAMPS
 from softplc.publishers.opcua.values import Watch, stamped
 
 _SLOWEST_SAMPLING: Final = 3600.0  # seconds
-_STAMPS: Final = tuple(ua.TimestampsToReturn)[:4]
 _NUMBERS: Final = frozenset({*range(2, 12), ua.ObjectIds.Number, ua.ObjectIds.Integer, ua.ObjectIds.UInteger})
 """Data types of the standard that are numbers: SByte to Double, and those above them."""
 _REFUSED: Final = (
@@ -121,7 +121,7 @@ class MonitoredItems(MonitoredItemService):  # type: ignore[misc]  # asyncua is 
         return list(super().modify_monitored_items(params))
 
     def _want_timestamps(self, params: Any) -> None:
-        if params.TimestampsToReturn not in _STAMPS:
+        if params.TimestampsToReturn not in STAMPS:
             raise ServiceError(ua.StatusCodes.BadTimestampsToReturnInvalid)
         self._stamps = params.TimestampsToReturn
 
