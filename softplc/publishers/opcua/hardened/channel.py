@@ -16,7 +16,7 @@ from asyncua.ua.ua_binary import header_from_binary, struct_to_binary, uatcp_to_
 
 from softplc.publishers.opcua.hardened.answers import ClientLimits
 from softplc.publishers.opcua.hardened.decoding import decoded
-from softplc.publishers.opcua.hardened.frames import HEADER_BYTES, frame_size, is_hello_that_cannot_be
+from softplc.publishers.opcua.hardened.frames import HEADER_BYTES, frame_size, hello_fault
 from softplc.publishers.opcua.hardened.limits import Limits
 from softplc.publishers.opcua.hardened.places import Stage, give_way
 
@@ -222,8 +222,9 @@ class Protocol(OPCUAProtocol):  # type: ignore[misc]  # asyncua is untyped here
                 break
             cut = bytes(received[:size])
             del received[:size]
-            if is_hello_that_cannot_be(cut):
-                self._end(ua.StatusCodes.BadConnectionRejected)
+            fault = hello_fault(cut)
+            if fault:
+                self._end(fault)
                 return
             frame = Buffer(cut)
             self.messages.put_nowait((header_from_binary(frame), frame))
