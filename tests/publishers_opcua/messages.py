@@ -61,6 +61,14 @@ class Messages:
         )
         return found
 
+    async def modify_subscription(
+        self, interval: float = 10.0, lifetime: int = 10_000, keep_alive: int = 3_000, most: int = 0
+    ) -> ua.ModifySubscriptionResult:
+        parameters = ua.ModifySubscriptionParameters(self.number, interval, lifetime, keep_alive, most)
+        answer = await self._ask(ua.ModifySubscriptionRequest(Parameters=parameters), ua.ModifySubscriptionResponse)
+        found: ua.ModifySubscriptionResult = answer.Parameters
+        return found
+
     async def set_mode(self, mode: Any, *items: int) -> None:
         parameters = ua.SetMonitoringModeParameters(self.number, mode, list(items))
         for status in await self._client.uaclient.set_monitoring_mode(parameters):

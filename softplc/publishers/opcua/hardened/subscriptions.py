@@ -11,7 +11,7 @@ from asyncua.server.subscription_service import SubscriptionService
 
 from softplc.publishers.opcua.hardened.filters import fit, present, reportable, wants_stamps
 from softplc.publishers.opcua.hardened.parts import part_of
-from softplc.publishers.opcua.hardened.publishing import Subscription
+from softplc.publishers.opcua.hardened.publishing import Subscription, revise_interval
 from softplc.publishers.opcua.hardened.reading import STAMPS
 from softplc.publishers.opcua.values import Watch, stamped
 
@@ -31,25 +31,41 @@ logging.getLogger(MonitoredItemService.__module__)
 
 class Subscriptions(SubscriptionService):  # type: ignore[misc]  # asyncua is untyped here
     """asyncua: a publishing interval of NaN never publishes and one of 0 publishes every change on its own; the
-    lifetime may be shorter than the keep-alive; Republish of what is not there is answered Good and empty.
+    lifetime may be shorter than the keep-alive; ModifySubscription is Good and changes nothing; Republish of what is
+    not there is answered Good and empty.
     """
 
     async def create_subscription(
         self, params: Any, callback: Any, session_id: Any, request_callback: Any = None
     ) -> Any:
         """CreateSubscription with a sane interval and lifetime, and softplc's monitored items."""
-        limits = self.iserver.limits
-        interval = params.RequestedPublishingInterval
-        if not interval > limits.min_publishing_ms:  # NaN too
-            interval = limits.min_publishing_ms
-        params.RequestedPublishingInterval = min(interval, limits.max_publishing_ms)
-        keep_alive = self._clamp_keep_alive_count(params.RequestedMaxKeepAliveCount)
-        params.RequestedLifetimeCount = max(params.RequestedLifetimeCount, 3 * keep_alive)
+        self._revise(params)
         result = await super().create_subscription(params, callback, session_id, request_callback)
         sub = self.subscriptions[result.SubscriptionId]
         sub.most_notifications = params.MaxNotificationsPerPublish
         sub.monitored_item_srv = self.iserver.monitored_items(sub)
         return result
+
+    def modify_subscription(self, params: Any) -> Any:
+        """ModifySubscription (OPC 10000-4, 5.14.3), with the same limits; Priority counts for nothing."""
+        sub = self.subscriptions.get(params.SubscriptionId)
+        if sub is None:
+            raise ServiceError(ua.StatusCodes.BadSubscriptionIdInvalid)
+        self._revise(params)
+        told = sub.data
+        told.RevisedLifetimeCount = self._clamp_lifetime_count(params.RequestedLifetimeCount)
+        told.RevisedMaxKeepAliveCount = self._clamp_keep_alive_count(params.RequestedMaxKeepAliveCount)
+        sub.most_notifications = params.MaxNotificationsPerPublish
+        sub.publish_every(params.RequestedPublishingInterval)
+        sub.prove_alive()
+        return ua.ModifySubscriptionResult(
+            told.RevisedPublishingInterval, told.RevisedLifetimeCount, told.RevisedMaxKeepAliveCount
+        )
+
+    def _revise(self, params: Any) -> None:
+        params.RequestedPublishingInterval = revise_interval(params.RequestedPublishingInterval, self.iserver.limits)
+        keep_alive = self._clamp_keep_alive_count(params.RequestedMaxKeepAliveCount)
+        params.RequestedLifetimeCount = max(params.RequestedLifetimeCount, 3 * keep_alive)
 
     def transfer(self, session: Any, number: int, callback: Any) -> Any:
         """Make a subscription this session's, if it is the same user's; `callback` sends its notifications."""
