@@ -32,12 +32,13 @@ class Messages:
         oldest: bool = True,
         flt: Any = None,
         mode: Any = ua.MonitoringMode.Reporting,
+        sampling: float = 0.0,
         **other: Any,
     ) -> list[ua.MonitoredItemCreateResult]:
         """Creates items; their handles count on from 0."""
         items = []
         for node in nodes:
-            wanted = ua.MonitoringParameters(self.handles, 0.0, flt, queue, oldest)
+            wanted = ua.MonitoringParameters(self.handles, sampling, flt, queue, oldest)
             self.handles += 1
             items.append(ua.MonitoredItemCreateRequest(ua.ReadValueId(node, attribute, **other), mode, wanted))
         found: list[ua.MonitoredItemCreateResult] = await self._client.uaclient.create_monitored_items(
@@ -51,9 +52,17 @@ class Messages:
         return [result.MonitoredItemId for result in results if result.StatusCode.check() is None]
 
     async def modify(
-        self, item: int, handle: int, *, stamps: int = 2, queue: int = 10, oldest: bool = True, flt: Any = None
+        self,
+        item: int,
+        handle: int,
+        *,
+        stamps: int = 2,
+        queue: int = 10,
+        oldest: bool = True,
+        flt: Any = None,
+        sampling: float = 0.0,
     ) -> ua.MonitoredItemModifyResult:
-        wanted = ua.MonitoringParameters(handle, 0.0, flt, queue, oldest)
+        wanted = ua.MonitoringParameters(handle, sampling, flt, queue, oldest)
         (found,) = await self._client.uaclient.modify_monitored_items(
             ua.ModifyMonitoredItemsParameters(
                 self.number, ua.TimestampsToReturn(stamps), [ua.MonitoredItemModifyRequest(item, wanted)]

@@ -266,12 +266,16 @@ class MonitoredItems(MonitoredItemService):  # type: ignore[misc]  # asyncua is 
         return int(min(max(requested, 1), self.isub.max_queue_size))
 
     def _revise_sampling(self, sampling: Sampling, requested: float) -> float:
-        """Set the interval to what was asked, ms, and return what it became; negative means as published."""
+        """Set the interval to the whole number of publishes that is nearest to what was asked, ms, and return it.
+
+        Negative means as the subscription publishes, which later changes of that do not change (OPC 10000-4, 7.21).
+        """
         if requested < 0:
             requested = self.isub.data.RevisedPublishingInterval
-        wanted = requested / 1000.0 if math.isfinite(requested) else 0.0
-        sampling.interval = min(wanted, _SLOWEST_SAMPLING) if wanted > self._watch.interval else 0.0
-        return (sampling.interval or self._watch.interval) * 1000.0
+        wanted = min(requested / 1000.0, _SLOWEST_SAMPLING) if math.isfinite(requested) else 0.0
+        publishes = max(round(wanted / self._watch.interval), 1)
+        sampling.interval = publishes * self._watch.interval if publishes > 1 else 0.0
+        return round(publishes * self._watch.interval * 1000.0, 6)
 
     def _filter_status(self, flt: Any, what: Any) -> int:
         """0 when the filter can be served on this attribute, else the status that says why not."""
