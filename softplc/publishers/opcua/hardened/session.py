@@ -17,6 +17,7 @@ from softplc.publishers.opcua.access import Access
 from softplc.publishers.opcua.fast.items import SweptItems
 from softplc.publishers.opcua.fast.reads import Reads
 from softplc.publishers.opcua.fast.sweep import Sweep
+from softplc.publishers.opcua.hardened.items import MonitoredItems
 from softplc.publishers.opcua.hardened.limits import Limits
 from softplc.publishers.opcua.hardened.places import (
     anonymous_session_that_gives_way,
@@ -24,7 +25,7 @@ from softplc.publishers.opcua.hardened.places import (
     session_that_gives_way,
 )
 from softplc.publishers.opcua.hardened.reading import check_read, results_of
-from softplc.publishers.opcua.hardened.subscriptions import MonitoredItems, Subscriptions
+from softplc.publishers.opcua.hardened.subscriptions import Subscriptions
 from softplc.publishers.opcua.hardened.view import Browser, ReferenceTypes
 from softplc.publishers.opcua.values import Watch
 
