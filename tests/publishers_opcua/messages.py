@@ -20,6 +20,10 @@ class Messages:
         self.number = answer.Parameters.SubscriptionId
         return self
 
+    def use(self, client: Client) -> None:
+        """Publish in this client's session, to which the subscription was transferred."""
+        self._client = client
+
     async def _ask(self, request: Any, response: Any) -> Any:
         return struct_from_binary(response, await self._client.uaclient._send_request(request))
 

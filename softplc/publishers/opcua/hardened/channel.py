@@ -18,6 +18,7 @@ from softplc.publishers.opcua.hardened.answers import ClientLimits
 from softplc.publishers.opcua.hardened.decoding import decoded
 from softplc.publishers.opcua.hardened.frames import HEADER_BYTES, frame_size, hello_fault
 from softplc.publishers.opcua.hardened.limits import Limits
+from softplc.publishers.opcua.hardened.outstanding import publish
 from softplc.publishers.opcua.hardened.places import Stage, give_way
 
 _WAITING: Final = 100  # connections that the system holds until they are accepted
@@ -32,6 +33,7 @@ def _requests(*names: str) -> frozenset[Any]:
 _CREATE_SESSION: Final = _requests("CreateSession")
 _ACTIVATE_SESSION: Final = _requests("ActivateSession")
 _BROWSE_NEXT: Final = _requests("BrowseNext")
+_PUBLISH: Final = _requests("Publish")
 _WITHOUT_SESSION: Final = _requests("FindServers", "GetEndpoints", "CreateSession", "CloseSecureChannel")
 # All others answer BadServiceUnsupported: RegisterServer, AddNodes, DeleteNodes, the references, HistoryUpdate, …
 _SERVICES: Final = _WITHOUT_SESSION | _requests(
@@ -111,6 +113,8 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
         try:
             if typeid in _BROWSE_NEXT:
                 return await self._browse_next(requesthdr, seqhdr, body)
+            if typeid in _PUBLISH:
+                return await publish(self, requesthdr, seqhdr, decoded(ua.PublishParameters, body))
             return await super()._process_message(typeid, requesthdr, seqhdr, body)
         except BaseException as error:
             if typeid in _ACTIVATE_SESSION:

@@ -1,6 +1,7 @@
 """When a subscription publishes, and what in one message."""
 
 import asyncio
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 from asyncua.server.internal_subscription import InternalSubscription
@@ -17,10 +18,11 @@ def revise_interval(requested: float, limits: Limits) -> float:
 
 class Subscription(InternalSubscription):  # type: ignore[misc]  # asyncua is untyped here
     """asyncua: all notifications in one message, whatever MaxNotificationsPerPublish says (OPC 10000-4, 5.14.2); a
-    subscription stays as it was created.
+    subscription stays as it was created; one that expires tells nobody.
     """
 
     most_notifications = 0  # in one message, 0: any number
+    when_expired: Callable[[Any], Awaitable[None]]
     _triggered_datachanges: dict[int, list[Any]]
     _task: asyncio.Task[None] | None
 
@@ -41,7 +43,12 @@ class Subscription(InternalSubscription):  # type: ignore[misc]  # asyncua is un
 
     async def publish_results(self, requestdata: Any = None) -> bool:
         """Publish, and at once what did not fit into the message; False when nothing was published."""
+        if requestdata is not None:
+            self.prove_alive()
+        expires = self._publish_cycles_count > self.data.RevisedLifetimeCount
         published = more = bool(await super().publish_results(requestdata))
+        if expires:
+            await self.when_expired(self)
         while more and self._is_waiting():
             more = bool(await super().publish_results())
         return published

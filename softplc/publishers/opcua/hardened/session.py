@@ -19,6 +19,7 @@ from softplc.publishers.opcua.fast.reads import Reads
 from softplc.publishers.opcua.fast.sweep import Sweep
 from softplc.publishers.opcua.hardened.items import MonitoredItems
 from softplc.publishers.opcua.hardened.limits import Limits
+from softplc.publishers.opcua.hardened.outstanding import Partings, leave
 from softplc.publishers.opcua.hardened.places import (
     anonymous_session_that_gives_way,
     has_room,
@@ -47,6 +48,7 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
         self.address = str(name[0])
         self.auth_token = ua.NodeId(os.urandom(32), 0, ua.NodeIdType.ByteString)
         self._browser = Browser(server.aspace, server.reference_types, server.limits)
+        self.partings = Partings()
         self.processor: Any = None  # the connection that the session is on; None when that was lost
         server.register_external_session(self)
 
@@ -79,7 +81,9 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
 
     async def close_session(self, delete_subs: bool = True) -> None:
         """CloseSession; subscriptions outlive it only where a user can prove that they are his."""
+        processor = self.processor
         await super().close_session(delete_subs or self.user.name is None)
+        leave(self, processor)
 
     async def read(self, params: Any) -> list[Any]:
         """Read; UserAccessLevel is the session's own."""
@@ -155,7 +159,8 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
         OPC 10000-4, 5.13.7: without log-in and encryption the answer shall be BadUserAccessDenied.
         """
         self.iserver.limits.check_operations(params.SubscriptionIds)
-        return [self.subscription_service.transfer(self, number, callback) for number in params.SubscriptionIds]
+        service = self.subscription_service
+        return [await service.transfer(self, number, callback) for number in params.SubscriptionIds]
 
     async def create_monitored_items(self, params: Any) -> list[Any]:
         """CreateMonitoredItems on the session's own subscription, up to the limit of one session."""
@@ -193,7 +198,7 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
     def publish(self, acks: Any = None) -> tuple[int, list[Any]]:
         """Publish: acknowledges messages of the session's own subscriptions; their number limits the queue."""
         own = self.own()
-        if not own:
+        if not own and not self.partings:
             raise ServiceError(ua.StatusCodes.BadNoSubscription)
         results = []
         for ack in acks or ():

@@ -6,6 +6,7 @@ from asyncua import ua
 from asyncua.common.utils import ServiceError
 from asyncua.server.subscription_service import SubscriptionService
 
+from softplc.publishers.opcua.hardened.outstanding import part
 from softplc.publishers.opcua.hardened.publishing import revise_interval
 
 
@@ -24,6 +25,7 @@ class Subscriptions(SubscriptionService):  # type: ignore[misc]  # asyncua is un
         sub = self.subscriptions[result.SubscriptionId]
         sub.most_notifications = params.MaxNotificationsPerPublish
         sub.monitored_item_srv = self.iserver.monitored_items(sub)
+        sub.when_expired = self._tell_expired
         return result
 
     def modify_subscription(self, params: Any) -> Any:
@@ -47,7 +49,7 @@ class Subscriptions(SubscriptionService):  # type: ignore[misc]  # asyncua is un
         keep_alive = self._clamp_keep_alive_count(params.RequestedMaxKeepAliveCount)
         params.RequestedLifetimeCount = max(params.RequestedLifetimeCount, 3 * keep_alive)
 
-    def transfer(self, session: Any, number: int, callback: Any) -> Any:
+    async def transfer(self, session: Any, number: int, callback: Any) -> Any:
         """Make a subscription this session's, if it is the same user's; `callback` sends its notifications."""
         limits, sub = self.iserver.limits, self.subscriptions.get(number)
         if sub is None:
@@ -60,9 +62,23 @@ class Subscriptions(SubscriptionService):  # type: ignore[misc]  # asyncua is un
         items = sum(len(own.monitored_item_srv) for own in held) + len(sub.monitored_item_srv)
         if len(held) >= limits.subscriptions_per_session or items > limits.items_per_session:
             return ua.TransferResult(ua.StatusCode(ua.StatusCodes.BadTooManySubscriptions))
+        before = self._session_of(sub)
         sub.session_id, sub.address = session.session_id, session.address
         sub.pub_result_callback, sub.pub_request_callback = callback, session.processor.get_publish_request
+        sub.prove_alive()
+        if before is not None:
+            await part(before, sub, ua.StatusCodes.GoodSubscriptionTransferred)
         return ua.TransferResult(ua.StatusCode(), sorted(sub._not_acknowledged_results))
+
+    async def _tell_expired(self, sub: Any) -> None:
+        session = self._session_of(sub)
+        if session is not None:
+            await part(session, sub, ua.StatusCodes.BadTimeout)
+
+    def _session_of(self, sub: Any) -> Any:
+        """The session whose subscription this is; None when that is closed."""
+        sessions = self.iserver._external_sessions.values()
+        return next((session for session in sessions if session.session_id == sub.session_id), None)
 
     def republish(self, params: Any) -> Any:
         """The message with this sequence number, kept until it is acknowledged. Raises ServiceError."""
