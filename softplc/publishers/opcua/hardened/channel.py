@@ -111,11 +111,7 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
         before = self.session
         await self._admit(typeid, requesthdr.AuthenticationToken)
         try:
-            if typeid in _BROWSE_NEXT:
-                return await self._browse_next(requesthdr, seqhdr, body)
-            if typeid in _PUBLISH:
-                return await publish(self, requesthdr, seqhdr, decoded(ua.PublishParameters, body))
-            return await super()._process_message(typeid, requesthdr, seqhdr, body)
+            return await self._serve(typeid, requesthdr, seqhdr, body)
         except BaseException as error:
             if typeid in _ACTIVATE_SESSION:
                 self.session = before
@@ -125,6 +121,14 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
         finally:
             if self.session is not None and self.session is not before:
                 self._adopt(self.session)
+
+    async def _serve(self, typeid: Any, requesthdr: Any, seqhdr: Any, body: Any) -> Any:
+        """By asyncua, but for what it has not or does otherwise."""
+        if typeid in _BROWSE_NEXT:
+            return await self._browse_next(requesthdr, seqhdr, body)
+        if typeid in _PUBLISH:
+            return await publish(self, requesthdr, seqhdr, decoded(ua.PublishParameters, body))
+        return await super()._process_message(typeid, requesthdr, seqhdr, body)
 
     async def _browse_next(self, requesthdr: Any, seqhdr: Any, body: Any) -> bool:
         """BrowseNext, which asyncua has not."""
