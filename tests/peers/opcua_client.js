@@ -3,12 +3,14 @@
 //   {"connect": url, "user": name, "password": text}   user and password are optional; so are "policy" and "mode", as in
 //                                                      Basic256Sha256 and SignAndEncrypt, and "applicationUri"
 //   {"read": [[nodeId, attributeId], ...]}             value, data type, status, timestamps in ms since 1970
+//     each with a third, an index range, where a part is wanted
 //   {"browse": nodeId}                                 forward hierarchical references
 //   {"translate": [startNodeId, "/2:softplc/2:Axes"]}  node id that a browse path leads to
 //   {"write": [nodeId, attributeId, dataType, value]}  status of the write
 //   {"subscribe": [nodeId, ...], "interval": ms}       answers with interval and statuses; then lines {"notification": ...}
 //     also "timestamps": name (Both), "range": index range
 //   {"modify": nodeId, "timestamps": name}             for all that was subscribed in the request that began with it
+//   {"pace": nodeId, "interval": ms}                   another publishing interval for that; answers with what it became
 //   {"unsubscribe": nodeId}                            ends that
 //   {"disconnect": true}
 //
@@ -64,7 +66,11 @@ const commands = {
         return { namespaces: await session.readNamespaceArray() };
     },
     async read(request) {
-        const nodes = request.read.map(([nodeId, attributeId]) => ({ nodeId, attributeId }));
+        const nodes = request.read.map(([nodeId, attributeId, range]) => ({
+            nodeId,
+            attributeId,
+            indexRange: range ? new opcua.NumericRange(range) : undefined,
+        }));
         return { samples: (await session.read(nodes)).map(sample) };
     },
     async browse(request) {
@@ -115,6 +121,15 @@ const commands = {
         const [group, parameters] = groups.get(request.modify);
         await group.modify(parameters, opcua.TimestampsToReturn[request.timestamps]);
         return {};
+    },
+    async pace(request) {
+        const [, , subscription] = groups.get(request.pace);
+        await subscription.modify({
+            requestedPublishingInterval: request.interval,
+            requestedLifetimeCount: 1000,
+            requestedMaxKeepAliveCount: 10,
+        });
+        return { interval: subscription.publishingInterval };
     },
     async unsubscribe(request) {
         const [group, , subscription] = groups.get(request.unsubscribe);

@@ -20,6 +20,10 @@ class Messages:
         self.number = answer.Parameters.SubscriptionId
         return self
 
+    def use(self, client: Client) -> None:
+        """Publish in this client's session, to which the subscription was transferred."""
+        self._client = client
+
     async def _ask(self, request: Any, response: Any) -> Any:
         return struct_from_binary(response, await self._client.uaclient._send_request(request))
 
@@ -32,12 +36,13 @@ class Messages:
         oldest: bool = True,
         flt: Any = None,
         mode: Any = ua.MonitoringMode.Reporting,
+        sampling: float = 0.0,
         **other: Any,
     ) -> list[ua.MonitoredItemCreateResult]:
         """Creates items; their handles count on from 0."""
         items = []
         for node in nodes:
-            wanted = ua.MonitoringParameters(self.handles, 0.0, flt, queue, oldest)
+            wanted = ua.MonitoringParameters(self.handles, sampling, flt, queue, oldest)
             self.handles += 1
             items.append(ua.MonitoredItemCreateRequest(ua.ReadValueId(node, attribute, **other), mode, wanted))
         found: list[ua.MonitoredItemCreateResult] = await self._client.uaclient.create_monitored_items(
@@ -51,14 +56,30 @@ class Messages:
         return [result.MonitoredItemId for result in results if result.StatusCode.check() is None]
 
     async def modify(
-        self, item: int, handle: int, *, stamps: int = 2, queue: int = 10, oldest: bool = True, flt: Any = None
+        self,
+        item: int,
+        handle: int,
+        *,
+        stamps: int = 2,
+        queue: int = 10,
+        oldest: bool = True,
+        flt: Any = None,
+        sampling: float = 0.0,
     ) -> ua.MonitoredItemModifyResult:
-        wanted = ua.MonitoringParameters(handle, 0.0, flt, queue, oldest)
+        wanted = ua.MonitoringParameters(handle, sampling, flt, queue, oldest)
         (found,) = await self._client.uaclient.modify_monitored_items(
             ua.ModifyMonitoredItemsParameters(
                 self.number, ua.TimestampsToReturn(stamps), [ua.MonitoredItemModifyRequest(item, wanted)]
             )
         )
+        return found
+
+    async def modify_subscription(
+        self, interval: float = 10.0, lifetime: int = 10_000, keep_alive: int = 3_000, most: int = 0
+    ) -> ua.ModifySubscriptionResult:
+        parameters = ua.ModifySubscriptionParameters(self.number, interval, lifetime, keep_alive, most)
+        answer = await self._ask(ua.ModifySubscriptionRequest(Parameters=parameters), ua.ModifySubscriptionResponse)
+        found: ua.ModifySubscriptionResult = answer.Parameters
         return found
 
     async def set_mode(self, mode: Any, *items: int) -> None:

@@ -289,3 +289,12 @@ async def test_methods_and_history_are_not_there(engineer: Client) -> None:
 
     assert CODES.BadNotImplemented == called.StatusCode.value
     assert CODES.BadHistoryOperationUnsupported == refusal.value.code
+
+
+async def test_triggering_is_not_there(engineer: Client) -> None:
+    request = ua.SetTriggeringRequest(Parameters=ua.SetTriggeringParameters(1, 1, [2], []))
+
+    with pytest.raises(ua.UaStatusCodeError) as refusal:
+        await engineer.uaclient._send_request(request)
+
+    assert CODES.BadServiceUnsupported == refusal.value.code

@@ -115,6 +115,23 @@ async def test_a_hello_that_wants_its_answers_in_crumbs_ends_the_connection(
     writer.close()
 
 
+@pytest.mark.parametrize(("length", "kind"), [(4096, b"ACK"), (4097, b"ERR"), (60_000, b"ERR")])
+async def test_a_hello_with_an_endless_url_ends_the_connection(quiet: Served, length: int, kind: bytes) -> None:
+    reader, writer = await asyncio.open_connection("127.0.0.1", quiet.port)
+    hello = ua.Hello(0, 65535, 65535, 0, 0, "opc.tcp://127.0.0.1:4840/".ljust(length, "x"))
+    writer.write(uatcp_to_binary(ua.MessageType.Hello, hello))
+
+    async with asyncio.timeout(20):
+        head = await reader.readexactly(8)
+        body = await reader.readexactly(int.from_bytes(head[4:], "little") - len(head))
+
+    assert head[:3] == kind
+    if kind == b"ERR":
+        assert struct.pack("<I", CODES.BadTcpEndpointUrlInvalid) == body[:4]
+        assert not await closed(reader)
+    writer.close()
+
+
 async def test_services_before_a_channel_is_open_are_refused(quiet: Served) -> None:
     reader, writer = await asyncio.open_connection("127.0.0.1", quiet.port)
     request = struct_to_binary(ua.CreateSessionRequest())

@@ -150,6 +150,33 @@ async def test_part_of_an_array_is_monitored(served: Served, peer: NodeClient) -
     await peer.ask(unsubscribe=NAMESPACES)
 
 
+async def test_part_of_an_array_is_read(peer: NodeClient) -> None:
+    answer = await peer.ask(read=[[NAMESPACES, VALUE, "1:2"], [NAMESPACES, VALUE, "9"], [CLOCK, VALUE, "0"]])
+
+    no_data = 0x80370000
+    assert [
+        (["urn:softplc:server", "urn:softplc:tags"], 0),
+        (None, no_data),
+        (None, no_data),
+    ] == [(sample["value"], sample["status"]) for sample in answer["samples"]]
+
+
+async def test_a_subscription_gets_another_publishing_interval(served: Served, peer: NodeClient) -> None:
+    peer.notifications.clear()
+    await peer.ask(subscribe=["ns=2;s=AxisY.Position"], interval=500)
+    await peer.notified(bool)
+
+    answer = await peer.ask(pace="ns=2;s=AxisY.Position", interval=20)
+    served.exchange.set("AxisY.Position", 4711.0)
+    await served.scan(1.0)  # the item is still sampled every 500 ms
+
+    assert answer == {"answer": answer["answer"], "interval": 20}
+    await peer.notified(lambda lines: any(line["value"] == 4711.0 for line in lines))
+    held = served.server._server.iserver.subscription_service.subscriptions.values()
+    assert 20.0 in [subscription.data.RevisedPublishingInterval for subscription in held]
+    await peer.ask(unsubscribe="ns=2;s=AxisY.Position")
+
+
 async def test_writes_are_refused_to_an_anonymous_client(peer: NodeClient) -> None:
     tries = [
         ("ns=2;s=AxisX.Position", VALUE, "Double", 1.0, NOT_WRITABLE),

@@ -180,9 +180,10 @@ class Watch:
         if changes is not None:
             moved, restamped = changes
             found = np.flatnonzero((moved & self._watched) | (restamped & self._stamped)).tolist()
-        if not self._later or self._later[0][0] > now:
+        soon = now + self.interval / 2  # half a publish early is nearer than half late
+        if not self._later or self._later[0][0] > soon:
             return found
         late = set(found)
-        while self._later and self._later[0][0] <= now:
+        while self._later and self._later[0][0] <= soon:
             late.add(heapq.heappop(self._later)[1])
         return sorted(late)

@@ -11,8 +11,8 @@ from softplc.publishers.opcua.fast.encoding import LARGEST, encode
 from softplc.publishers.opcua.fast.queue import Entries, Queue
 from softplc.publishers.opcua.fast.sweep import NO_BAND, Sweep, Terms
 from softplc.publishers.opcua.hardened.filters import present, wants_stamps
+from softplc.publishers.opcua.hardened.items import MonitoredItems, Sampling
 from softplc.publishers.opcua.hardened.publishing import Subscription
-from softplc.publishers.opcua.hardened.subscriptions import MonitoredItems, Sampling
 from softplc.publishers.opcua.values import Watch
 
 _TYPE: Final = ua.FourByteNodeId(ua.ObjectIds.DataChangeNotification_Encoding_DefaultBinary)

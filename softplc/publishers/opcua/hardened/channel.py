@@ -12,7 +12,7 @@ from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
 from asyncua.ua.ua_binary import header_from_binary, uatcp_to_binary
 
 from softplc.publishers.opcua.hardened.answers import ClientLimits
-from softplc.publishers.opcua.hardened.frames import HEADER_BYTES, frame_size, is_hello_that_cannot_be
+from softplc.publishers.opcua.hardened.frames import HEADER_BYTES, frame_size, hello_fault
 from softplc.publishers.opcua.hardened.limits import Limits
 from softplc.publishers.opcua.hardened.places import Stage, give_way
 from softplc.publishers.opcua.hardened.secured import Refused
@@ -86,8 +86,9 @@ class Protocol(OPCUAProtocol):  # type: ignore[misc]  # asyncua is untyped here
                 break
             cut = bytes(received[:size])
             del received[:size]
-            if is_hello_that_cannot_be(cut):
-                self._end(ua.StatusCodes.BadConnectionRejected)
+            fault = hello_fault(cut)
+            if fault:
+                self._end(fault)
                 return
             frame = Buffer(cut)
             self.messages.put_nowait((header_from_binary(frame), frame))

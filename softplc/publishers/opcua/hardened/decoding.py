@@ -2,7 +2,7 @@
 
 As it comes, asyncua takes an array of a million Nulls, which have no bytes of their own, at its word: six bytes keep
 the server busy for minutes. A request that cannot be decoded it answers with BadInternalError and a traceback in the
-log.
+log. A number that is none of TimestampsToReturn breaks the whole message.
 """
 
 from typing import Any
@@ -20,6 +20,7 @@ def guard_decoding() -> None:
     """Have what cannot be, or must not be, decoded refused, in this process and for good."""
     ua_binary.unpack_uatype_array = _bounded
     uaprocessor.struct_from_binary = decoded
+    ua.TimestampsToReturn._missing_ = lambda _: ua.TimestampsToReturn.Invalid
 
 
 def decoded(kind: Any, data: Buffer) -> Any:

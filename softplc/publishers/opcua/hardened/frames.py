@@ -8,8 +8,9 @@ from asyncua import ua
 HEADER_BYTES: Final = 8
 _HEADER: Final = struct.Struct("<3scI")
 _CHANNEL_HEADER: Final = 12  # bytes of the header with the channel id
-_BUFFERS: Final = struct.Struct("<III")  # how a Hello begins: version, receive and send buffer
+_HELLO: Final = struct.Struct("<IIIIIi")  # version, receive and send buffer, sizes of an answer, length of the URL
 _SMALLEST_BUFFER: Final = 8192
+_LONGEST_URL: Final = 4096  # bytes
 _TYPES: Final = (
     ua.MessageType.SecureMessage,
     ua.MessageType.Hello,
@@ -27,9 +28,14 @@ def frame_size(head: bytes | bytearray, chunk_bytes: int) -> int | None:
     return int(size)
 
 
-def is_hello_that_cannot_be(frame: bytes) -> bool:
-    """A Hello with smaller buffers than OPC 10000-6, 7.1.2.3 allows: every answer would be cut into crumbs."""
+def hello_fault(frame: bytes) -> int:
+    """Why this frame is a Hello that cannot be, as a status (OPC 10000-6, 7.1.2.3); 0 for any other.
+
+    With smaller buffers than those there every answer would be cut into crumbs.
+    """
     if frame[:3] != ua.MessageType.Hello:
-        return False
-    _, receive, send = _BUFFERS.unpack_from(frame.ljust(_HEADER.size + _BUFFERS.size, b"\0"), _HEADER.size)
-    return bool(min(receive, send) < _SMALLEST_BUFFER)
+        return 0
+    _, receive, send, _, _, url = _HELLO.unpack_from(frame.ljust(_HEADER.size + _HELLO.size, b"\0"), _HEADER.size)
+    if min(receive, send) < _SMALLEST_BUFFER:
+        return int(ua.StatusCodes.BadConnectionRejected)
+    return int(ua.StatusCodes.BadTcpEndpointUrlInvalid) if url > _LONGEST_URL else 0

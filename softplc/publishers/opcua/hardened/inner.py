@@ -13,6 +13,7 @@ from softplc.publishers.opcua.access import Access
 from softplc.publishers.opcua.fast.items import SweptItems
 from softplc.publishers.opcua.fast.reads import Reads
 from softplc.publishers.opcua.fast.sweep import Sweep
+from softplc.publishers.opcua.hardened.items import MonitoredItems
 from softplc.publishers.opcua.hardened.limits import Limits
 from softplc.publishers.opcua.hardened.places import (
     anonymous_session_that_gives_way,
@@ -20,7 +21,7 @@ from softplc.publishers.opcua.hardened.places import (
 )
 from softplc.publishers.opcua.hardened.secured import open_password
 from softplc.publishers.opcua.hardened.session import Session
-from softplc.publishers.opcua.hardened.subscriptions import MonitoredItems, Subscriptions
+from softplc.publishers.opcua.hardened.subscriptions import Subscriptions
 from softplc.publishers.opcua.hardened.trust import Trust
 from softplc.publishers.opcua.hardened.view import ReferenceTypes
 from softplc.publishers.opcua.values import Watch

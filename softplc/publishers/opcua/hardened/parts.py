@@ -27,7 +27,7 @@ def part_of(value: Any, asked: Any) -> Any:
     if value.StatusCode.is_bad() or not slices:
         return value
     try:
-        cut = _cut(value.Value.Value, slices)
+        cut = _cut(None if value.Value is None else value.Value.Value, slices)
     except LookupError:
         return replace(value, Value=ua.Variant(), StatusCode=ua.StatusCode(ua.StatusCodes.BadIndexRangeNoData))
     return replace(value, Value=ua.Variant(cut, value.Value.VariantType, is_array=isinstance(cut, list)))

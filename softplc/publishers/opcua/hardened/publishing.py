@@ -1,19 +1,54 @@
-"""What a subscription publishes in one message."""
+"""When a subscription publishes, and what in one message."""
 
+import asyncio
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 from asyncua.server.internal_subscription import InternalSubscription
 
+from softplc.publishers.opcua.hardened.limits import Limits
+
+
+def revise_interval(requested: float, limits: Limits) -> float:
+    """The publishing interval, ms, that is nearest to what was requested; NaN is as often as possible."""
+    if not requested > limits.min_publishing_ms:
+        return limits.min_publishing_ms
+    return min(requested, limits.max_publishing_ms)
+
 
 class Subscription(InternalSubscription):  # type: ignore[misc]  # asyncua is untyped here
-    """asyncua: all notifications in one message, whatever MaxNotificationsPerPublish says (OPC 10000-4, 5.13.2)."""
+    """asyncua: all notifications in one message, whatever MaxNotificationsPerPublish says (OPC 10000-4, 5.14.2); a
+    subscription stays as it was created; one that expires tells nobody.
+    """
 
     most_notifications = 0  # in one message, 0: any number
+    when_expired: Callable[[Any], Awaitable[None]]
     _triggered_datachanges: dict[int, list[Any]]
+    _task: asyncio.Task[None] | None
+
+    def publish_every(self, interval: float) -> None:
+        """Publish every so many ms from now on, first when the shorter of this and the interval before has passed."""
+        before, self.data.RevisedPublishingInterval = self.data.RevisedPublishingInterval, interval
+        if self._task is not None and interval != before:
+            self._task.cancel()
+            self._task = asyncio.create_task(self._after(min(before, interval) / 1000.0))
+
+    def prove_alive(self) -> None:
+        """Somebody uses it: its lifetime begins anew (OPC 10000-4, 5.14.1.2, ResetLifetimeCounter)."""
+        self._publish_cycles_count = 0
+
+    async def _after(self, seconds: float) -> None:
+        await asyncio.sleep(seconds)
+        await self._subscription_loop()
 
     async def publish_results(self, requestdata: Any = None) -> bool:
         """Publish, and at once what did not fit into the message; False when nothing was published."""
+        if requestdata is not None:
+            self.prove_alive()
+        expires = self._publish_cycles_count > self.data.RevisedLifetimeCount
         published = more = bool(await super().publish_results(requestdata))
+        if expires:
+            await self.when_expired(self)
         while more and self._is_waiting():
             more = bool(await super().publish_results())
         return published

@@ -12,6 +12,7 @@ from cryptography.exceptions import InvalidSignature
 
 from softplc.publishers.opcua.hardened.decoding import decoded
 from softplc.publishers.opcua.hardened.limits import Limits
+from softplc.publishers.opcua.hardened.outstanding import publish
 from softplc.publishers.opcua.hardened.secured import Secured
 
 
@@ -23,6 +24,7 @@ def _requests(*names: str) -> frozenset[Any]:
 _CREATE_SESSION: Final = _requests("CreateSession")
 _ACTIVATE_SESSION: Final = _requests("ActivateSession")
 _BROWSE_NEXT: Final = _requests("BrowseNext")
+_PUBLISH: Final = _requests("Publish")
 _DISCOVERY: Final = _requests("FindServers", "GetEndpoints", "CloseSecureChannel")
 _WITHOUT_SESSION: Final = _DISCOVERY | _CREATE_SESSION
 # All others answer BadServiceUnsupported: RegisterServer, AddNodes, DeleteNodes, the references, HistoryUpdate, …
@@ -107,9 +109,7 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
             self._connection.check_session(decoded(ua.CreateSessionParameters, body.copy()))
         await self._admit(typeid, requesthdr.AuthenticationToken)
         try:
-            if typeid in _BROWSE_NEXT:
-                return await self._browse_next(requesthdr, seqhdr, body)
-            return await super()._process_message(typeid, requesthdr, seqhdr, body)
+            return await self._serve(typeid, requesthdr, seqhdr, body)
         except BaseException as error:
             if typeid in _ACTIVATE_SESSION:
                 self.session = before
@@ -121,6 +121,14 @@ class Processor(UaProcessor):  # type: ignore[misc]  # asyncua is untyped here
         finally:
             if self.session is not None and self.session is not before:
                 self._adopt(self.session)
+
+    async def _serve(self, typeid: Any, requesthdr: Any, seqhdr: Any, body: Any) -> Any:
+        """By asyncua, but for what it has not or does otherwise."""
+        if typeid in _BROWSE_NEXT:
+            return await self._browse_next(requesthdr, seqhdr, body)
+        if typeid in _PUBLISH:
+            return await publish(self, requesthdr, seqhdr, decoded(ua.PublishParameters, body))
+        return await super()._process_message(typeid, requesthdr, seqhdr, body)
 
     async def _browse_next(self, requesthdr: Any, seqhdr: Any, body: Any) -> bool:
         """BrowseNext, which asyncua has not."""

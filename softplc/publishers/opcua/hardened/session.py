@@ -1,6 +1,5 @@
 """Sessions: how many, how they are recognised, and what each service may do for whom."""
 
-import dataclasses
 import math
 import os
 from collections.abc import Sequence
@@ -11,14 +10,12 @@ from asyncua.common.utils import ServiceError
 from asyncua.crypto.permission_rules import User, UserRole
 from asyncua.server.internal_session import InternalSession, SessionState
 
-from softplc.publishers.opcua.hardened.places import (
-    has_room,
-)
+from softplc.publishers.opcua.hardened.outstanding import Partings, leave
+from softplc.publishers.opcua.hardened.places import has_room
+from softplc.publishers.opcua.hardened.reading import check_read, results_of
 from softplc.publishers.opcua.hardened.view import Browser
-from softplc.publishers.opcua.values import stamped
 
 _ANONYMOUS = User(UserRole.Anonymous)
-_READ_WRITE = 1 << ua.AccessLevel.CurrentRead | 1 << ua.AccessLevel.CurrentWrite
 
 
 class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
@@ -37,6 +34,7 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
         self.auth_token = ua.NodeId(os.urandom(32), 0, ua.NodeIdType.ByteString)
         self._browser = Browser(server.aspace, server.reference_types, server.limits)
         self.channel: tuple[Any, ...] | None = None  # who it belongs to: what Secured.identity says
+        self.partings = Partings()
         self.processor: Any = None  # the connection that the session is on; None when that was lost
         server.register_external_session(self)
 
@@ -69,18 +67,15 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
 
     async def close_session(self, delete_subs: bool = True) -> None:
         """CloseSession; subscriptions outlive it only where a user can prove that they are his."""
+        processor = self.processor
         await super().close_session(delete_subs or self.user.name is None)
+        leave(self, processor)
 
     async def read(self, params: Any) -> list[Any]:
-        """Read; UserAccessLevel is the session's own, timestamps are those asked for (asyncua: always both)."""
+        """Read; UserAccessLevel is the session's own."""
+        check_read(params)
         self.iserver.limits.check_operations(params.NodesToRead)
-        wanted = params.TimestampsToReturn
-        results = [stamped(value, wanted) for value in self.iserver.attribute_service.read(params)]
-        for number, item in enumerate(params.NodesToRead):
-            if item.AttributeId == ua.AttributeIds.UserAccessLevel and self._may_write(item.NodeId):
-                variant = ua.Variant(_READ_WRITE, ua.VariantType.Byte)
-                results[number] = dataclasses.replace(results[number], Value=variant)
-        return results
+        return results_of(params, self.iserver.attribute_service.read(params), self._may_write)
 
     async def write(self, params: Any) -> list[Any]:
         """Write: never to a node, always through the rules of `access`."""
@@ -150,7 +145,8 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
         OPC 10000-4, 5.13.7: without log-in and encryption the answer shall be BadUserAccessDenied.
         """
         self.iserver.limits.check_operations(params.SubscriptionIds)
-        return [self.subscription_service.transfer(self, number, callback) for number in params.SubscriptionIds]
+        service = self.subscription_service
+        return [await service.transfer(self, number, callback) for number in params.SubscriptionIds]
 
     async def create_monitored_items(self, params: Any) -> list[Any]:
         """CreateMonitoredItems on the session's own subscription, up to the limit of one session."""
@@ -188,7 +184,7 @@ class Session(InternalSession):  # type: ignore[misc]  # asyncua is untyped here
     def publish(self, acks: Any = None) -> tuple[int, list[Any]]:
         """Publish: acknowledges messages of the session's own subscriptions; their number limits the queue."""
         own = self.own()
-        if not own:
+        if not own and not self.partings:
             raise ServiceError(ua.StatusCodes.BadNoSubscription)
         results = []
         for ack in acks or ():
