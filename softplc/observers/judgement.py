@@ -79,7 +79,8 @@ class Judgement:
     `read` float64 as read, `z` what the observer gets of it (the same array where no axis has a `signal`),
     `input_status` uint32, `timestamps` int64 ns, `arrivals` monotonic seconds;
     `usable`: the sample may enter the observer; `status` and `reason` of the outputs as far as the input decides;
-    `blank`: the outputs have no value, None where every axis has one; `raw`, `raw_status`: what Raw shows.
+    `blank`: the outputs have no value, None where every axis has one; `late`: samples that came after the scan for
+    which they were asked, None where there is none; `raw`, `raw_status`: what Raw shows.
     `limit`: the largest number that there is in the kernel's precision.
     `signal`: the conditioning of those axes that have one, None where none has.
     """
@@ -106,6 +107,7 @@ class Judgement:
         self.status = np.zeros(n, np.uint32)
         self.reason = np.zeros(n, np.uint8)
         self.blank: NDArray[np.bool_] | None = None
+        self.late: NDArray[np.bool_] | None = None
         self.raw, self.raw_status = self.read, self.input_status
 
     def judge(self, scan: Scan, inputs: Image, has_values: NDArray[np.bool_], unseen: NDArray[np.float64]) -> None:
@@ -124,7 +126,7 @@ class Judgement:
         np.logical_and(self.usable, self._flag, out=self.usable)  # false for NaN, too
         self.status.fill(StatusCode.GOOD)
         self.reason.fill(Reason.NONE)
-        self.blank = None
+        self.blank = self.late = None
         self.raw, self.raw_status = self.read, self.input_status
         if self.signal is not None:
             self._judge_speed(self.signal)
@@ -149,8 +151,9 @@ class Judgement:
         code = own & _CODE
         bad = own >= _BAD
         caused = self._causes != 0  # our link doubts the sample, not its source
-        no_reply = _is_any(code, _LAST_USABLE) & ((self.arrivals == self._last_arrivals) | np.isnan(self.arrivals))
-        no_reply &= ~caused
+        old = _is_any(code, _LAST_USABLE) & ~caused
+        no_reply = old & ((self.arrivals == self._last_arrivals) | np.isnan(self.arrivals))
+        self.late = old & ~no_reply
         first_that_holds = (
             (_is_any(code, _NO_COMMUNICATION), Reason.NO_COMMUNICATION),
             (code == np.uint32(StatusCode.BAD_WAITING_FOR_INITIAL_DATA), Reason.WAITING),

@@ -32,6 +32,8 @@ _LOST: Final = np.isin(
 )
 """Reasons for which an unusable sample is as none at all."""
 _STILL: Final = 0.1  # s; a value that stands still on a live link counts as a fresh one so often
+_UNEXPLAINED: Final = 25.0
+"""NIS, five σ: a sample at the end of a coast that the grown variance does not explain."""
 _BAD: Final = np.uint32(StatusCode.BAD)
 
 
@@ -61,6 +63,7 @@ class Modes:
         self._out: Flags = np.zeros(n, np.bool_)  # link lost and nothing carried on, or the state was no number
         self._coasted = np.zeros(n)
         self._left = np.zeros(n, np.int64)  # fresh samples that are still wanted
+        self._late = np.zeros(n, np.int64)  # samples in time that are still wanted after a late one
         self._since = np.zeros(n)  # time since one was counted
         self._arrivals, self._stamps = np.full(n, np.nan), np.zeros(n, np.int64)  # of the last that was seen
         self._from = np.full(n, np.nan)  # where Position ramps from
@@ -77,7 +80,7 @@ class Modes:
         self.state[rows] = AxisState.INIT
         for flags in (self._ran, self._out):
             flags[rows] = False
-        self._left[rows] = 0
+        self._left[rows] = self._late[rows] = 0
         self._all_run = False
 
     def resume(self, other: "Modes", axes: NDArray[np.intp]) -> None:
@@ -88,6 +91,7 @@ class Modes:
     def begin(self, scan: Scan, samples: Judgement, time: TimeStep, enabled: Flags) -> None:
         """Decide what is shown of axes without a usable sample; carries on those that coast."""
         self.quiet = self._all_run and bool(samples.usable.all() and time.in_time.all() and enabled.all())
+        self.quiet &= samples.late is None or not samples.late.any()
         if self.quiet:
             return
         self._elapsed = scan.dt if 0.0 < scan.dt < math.inf else 0.0
@@ -151,6 +155,9 @@ class Modes:
 
         used = shown == _USE
         starting = used & _STARTING[results] & (time.rows | time.predict)
+        if "NIS" in self._tags:
+            coasted = used & time.rows & (self.state == AxisState.COAST)
+            self._out |= coasted & (self._tags.row("NIS") > _UNEXPLAINED)
         self._settle(samples, time, used, enabled)
         state = _STATE_OF[shown]
         state[used & (self._left > 0)] = AxisState.REINIT
@@ -164,10 +171,11 @@ class Modes:
         self._ran |= state == AxisState.RUN
         self._ran &= enabled
         self._ramp(samples, state == AxisState.REINIT)
+        self._wait_after_late(samples, time, used & enabled)
 
         self.state[:] = state
         self._tags.row("State")[:] = state
-        self._all_run = bool((state == AxisState.RUN).all())
+        self._all_run = bool((state == AxisState.RUN).all()) and not self._late.any()
 
     def stamps(self, samples: Judgement, time: TimeStep) -> NDArray[np.int64]:
         """Source timestamps of what the estimates rest on: that of the newest used sample, or what passes through."""
@@ -235,8 +243,23 @@ class Modes:
             begin[rotary] -= self._turn * np.rint((begin[rotary] - position[rotary]) / self._turn)
         ramped = begin * (1.0 - way) + position * way
         np.copyto(position, ramped, where=settling & (self._left > 0) & np.isfinite(ramped))
-        plain = settling & ((samples.reason == Reason.NONE) | (samples.reason == Reason.PREDICTED))
-        samples.reason[plain] = Reason.SETTLING
-        samples.status[settling & (samples.status < np.uint32(StatusCode.UNCERTAIN))] = (
-            StatusCode.UNCERTAIN_INITIAL_VALUE
-        )
+        _doubt(samples, settling)
+
+    def _wait_after_late(self, samples: Judgement, time: TimeStep, used: Flags) -> None:
+        """A late sample tells where the axis was and not when, so the velocity after it is wrong for a while."""
+        self._late[~used] = 0
+        if samples.late is not None:
+            late = used & samples.late & self._ran
+            self._late[late] = self._wanted[late] + 1
+        waiting = self._late > 0
+        if not waiting.any():
+            return
+        self._late[waiting & time.rows] -= 1
+        _doubt(samples, self._late > 0)
+
+
+def _doubt(samples: Judgement, rows: Flags) -> None:
+    """What would be Good of these is not: the estimate settles."""
+    plain = rows & ((samples.reason == Reason.NONE) | (samples.reason == Reason.PREDICTED))
+    samples.reason[plain] = Reason.SETTLING
+    samples.status[rows & (samples.status < np.uint32(StatusCode.UNCERTAIN))] = StatusCode.UNCERTAIN_INITIAL_VALUE

@@ -224,6 +224,33 @@ def test_a_coast_may_be_longer_than_reinit_after_and_still_goes_on_from_where_it
     assert rig.get("Position") == pytest.approx(SPEED * (rig.now - 100.0), abs=1e-6)
 
 
+def test_a_coast_that_ends_where_nobody_expects_it_settles_and_position_does_not_jump():
+    rig = running(replace(SPEC, on_bad="coast", on_lost="coast", coast_max=5.0, reinit_samples=8), scans=400)
+    for _ in range(50):
+        rig.fail(S.BAD_NO_COMMUNICATION)
+    shown = [rig.get("Position")]
+    for _ in range(8):
+        assert rig.outcome()[0] != S.GOOD
+        ramp(rig, offset=300.0)
+        shown.append(rig.get("Position"))
+    assert rig.outcome() == (S.GOOD, Reason.NONE)
+    steps = np.diff(shown)
+    assert max(steps) < 300.0 / 8 + 10.0  # an eighth of the way, and what the estimate overshoots
+    assert state(rig) == AxisState.RUN
+
+
+def test_samples_in_time_after_late_ones_are_good_when_the_estimate_has_settled():
+    rig = running()
+    for _ in range(10):
+        rig.scan(SPEED * (rig.next - 100.0 - 0.04), status=S.UNCERTAIN_LAST_USABLE_VALUE)  # asked for a scan before
+        assert rig.outcome() == (S.UNCERTAIN_LAST_USABLE_VALUE, Reason.INPUT_UNCERTAIN)
+    for _ in range(SPEC.reinit_samples - 1):
+        ramp(rig)
+        assert (rig.outcome(), state(rig)) == ((S.UNCERTAIN_INITIAL_VALUE, Reason.SETTLING), AxisState.RUN)
+    ramp(rig)
+    assert (rig.outcome(), state(rig)) == ((S.GOOD, Reason.NONE), AxisState.RUN)
+
+
 @pytest.mark.parametrize("dt_source", ["scan", "source", "arrival", "nominal"])
 def test_a_coast_leaves_time_right_whatever_it_is_measured_by(dt_source: Any):
     rig = running(replace(SPEC, on_bad="coast", dt_source=dt_source), scans=400)

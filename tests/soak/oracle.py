@@ -28,6 +28,8 @@ _REASON: Final = {
     BAD: Reason.INPUT_BAD,
     LOST: Reason.NO_COMMUNICATION,
 }
+FAR: Final = 25.0
+"""NIS from which on a sample after a coast is not where the axis should be."""
 Outcome = tuple[int, int, int]  # status, reason, state
 
 
@@ -47,9 +49,13 @@ class Oracle:
     lost: bool = False
     wanted: int = 0  # fresh samples until the outputs may be Good
 
-    def scan(self, kind: int, dt: float) -> Outcome:
-        """What the outputs must be after a scan that found this kind of sample, new in this scan."""
+    def scan(self, kind: int, dt: float, nis: float) -> Outcome:
+        """What the outputs must be after a scan that found this kind of sample, new in this scan.
+
+        `nis` is the NIS that was published with it, NaN where there is none.
+        """
         self.gap += dt
+        self.lost |= self.state == AxisState.COAST and nis > FAR
         late = self.gap - self.period > self.spec.reinit_after
         if late:
             self.samples = 0

@@ -82,6 +82,7 @@ def soak(name: str, scans: int, seed: int = 0) -> Report:
     index = np.array(
         [[rig.table.index(f"A{axis}.{leaf}") for leaf in ("Position", "Reason", "State")] for axis in range(n)]
     )
+    where_nis = [rig.table.index(f"A{axis}.NIS") for axis in range(n)] if "A0.NIS" in rig.table else []
     first = int(rig.table.blocks[1].start)
     kernel = rig.observer._kernel  # type: ignore[attr-defined]
     outputs, states = rig.outputs, np.zeros(9, np.int64)
@@ -98,7 +99,8 @@ def soak(name: str, scans: int, seed: int = 0) -> Report:
         rig.inputs.arrivals[:] = rig.now
         rig.step(dt)
 
-        expected = [oracle.scan(kind, dt) for oracle, kind in zip(oracles, kinds, strict=True)]
+        nis = outputs.values[where_nis] if where_nis else [np.nan] * n
+        expected = [oracle.scan(kind, dt, its) for oracle, kind, its in zip(oracles, kinds, nis, strict=True)]
         got = [
             (int(status), int(reason), int(state))
             for status, reason, state in zip(
