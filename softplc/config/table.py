@@ -1,7 +1,8 @@
 """A CSV table of which every cell knows its line and column: the first line names the columns.
 
 Separated by commas, semicolons or tabs, whichever the first line has most of; cells in double quotes may hold
-separators, and `""` for a quote. Blanks around a cell do not count, nor do empty lines and lines that begin with #.
+separators, and `""` for a quote. Blanks around a cell do not count, nor do lines that begin with #, empty
+ones, and those that have nothing but empty cells, as spreadsheets leave them below the last row.
 """
 
 import re
@@ -58,10 +59,11 @@ def read_table(path: Path, name: str) -> Table:
     table.columns = tuple(text for text, _ in head)
     for number, line in lines:
         row = _fields(table, number, line, separator, name)
+        if not any(text for text, _ in row):
+            continue
         if len(row) != len(head):
-            if row:
-                cells = f"{len(row)} cell{'s' * (len(row) != 1)}, expected {len(head)}, one for each column"
-                table.problems.append(Problem(number, 1, (), f"found {cells}", name))
+            cells = f"{len(row)} cell{'s' * (len(row) != 1)}, expected {len(head)}, one for each column"
+            table.problems.append(Problem(number, 1, (), f"found {cells}", name))
             continue
         cells_of = zip(table.columns, row, strict=True)
         table.rows.append({key: Cell(text, resolve(text), number, column, name) for key, (text, column) in cells_of})

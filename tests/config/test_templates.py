@@ -98,6 +98,16 @@ def test_a_table_makes_an_axis_for_each_row(loaded: Callable[..., Config], separ
     assert second == 0.001  # an empty cell leaves the key out
 
 
+@pytest.mark.parametrize("empty", [",", " , ", ",,,,,", '"",""', '""'])
+def test_a_row_of_empty_cells_is_an_empty_line(tmp_path: Path, empty: str) -> None:
+    (tmp_path / "t.csv").write_text(f"Name,Tag\nA,x\n{empty}\nB,y\n{empty}\n", encoding="utf-8")
+
+    table = read_table(tmp_path / "t.csv", "t.csv")
+
+    assert table.problems == []
+    assert [(row["Name"].text, row["Name"].line) for row in table.rows] == [("A", 2), ("B", 4)]
+
+
 @pytest.mark.parametrize(
     ("text", "value"),
     [
