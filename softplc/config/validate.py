@@ -26,7 +26,7 @@ Judged = tuple[Problem, Mend | None]
 def validate(root: Node, model: type[M], expansion: Expansion | None = None) -> tuple[M | None, list[Problem]]:
     """The model, or None and everything that is wrong. May mend mistyped keys in the tree; they stay reported.
 
-    Of errors that all instances of a template have, the first one alone is looked at.
+    Of errors that all instances of a template have, the first one alone is reported, and all are mended.
     """
     kept: list[Problem] = []
     mended: set[Any] = set()
@@ -34,6 +34,7 @@ def validate(root: Node, model: type[M], expansion: Expansion | None = None) -> 
     for _ in range(_ROUNDS):
         made, errors = _parse(root, model, context)
         judged: list[Judged] = []
+        alike: list[Judged] = []
         seen = set(mended)
         for error in errors:
             place = follow(root, schema(model), error["loc"])
@@ -44,12 +45,17 @@ def validate(root: Node, model: type[M], expansion: Expansion | None = None) -> 
                 seen.add(key)
                 if any(mend is not None for _, mend in found):
                     mended.add(key)
+            elif key in mended:
+                alike += _judge(root, schema(model), error, place)
         mends = [(problem, mend) for problem, mend in judged if mend is not None]
         if not mends:
             return (None if kept else made), kept + [problem for problem, _ in judged]
         for problem, mend in mends:
             kept.append(problem)
             mend()
+        for _, also in alike:
+            if also is not None:
+                also()
     return None, kept
 
 
