@@ -8,7 +8,7 @@ from softplc.config.checks_names import at
 from softplc.config.facts import KEY_OF_KIND, Facts, Item, TagUse
 from softplc.config.problem import LONG, Problem, shown
 from softplc.config.spans import Span, by_table, canonical, device_of, key_of
-from softplc.config.tree import Scalar, below, text_at
+from softplc.config.tree import Scalar, below, text_at, where
 from softplc.drivers.modbus.address import LAST_OFFSET, Address, parse_address
 from softplc.drivers.modbus.config import ModbusHeartbeat, ModbusTag
 from softplc.drivers.opcua.node import parse_address as parse_node
@@ -44,6 +44,9 @@ def check(facts: Facts) -> Iterator[Problem]:
     yield from _overlaps([span for span in spans if span.tag.role != "write_back"], partial=True)
     yield from _overlaps([span for span in spans if span.tag.role == "write_back"], partial=False)
     yield from loops(spans)
+    for item in facts.sources:
+        if item.text("type") == "modbus":
+            yield from _split(item, facts)
 
 
 def _problem(tag: TagUse, key: str, text: str) -> Problem:
@@ -74,8 +77,7 @@ def _modbus(tag: TagUse, source: Item | None, spans: list[Span]) -> Iterator[Pro
     node = below(tag.block, "address")
     if tag.role == "input":
         yield from _tells_no_time(tag)
-    default = _TYPE_OF_HEARTBEAT if tag.role == "heartbeat" else _DEFAULT_TYPE
-    data_type = text_at(tag.block, "data_type") if "data_type" in tag.block.entries else default
+    data_type = _data_type(tag)
     width = REGISTERS.get(data_type or "")
     yield from _byte_order(tag, data_type, width)
     if not isinstance(node, Scalar) or isinstance(node.value, bool) or not isinstance(node.value, int | str):
@@ -103,6 +105,33 @@ def _modbus(tag: TagUse, source: Item | None, spans: list[Span]) -> Iterator[Pro
     if source is not None:
         label = f"{data_type} at {address}"
         spans.append(Span(device_of(source), address.table, address.offset, address.offset + width, tag, label))
+
+
+def _data_type(tag: TagUse) -> str | None:
+    default = _TYPE_OF_HEARTBEAT if tag.role == "heartbeat" else _DEFAULT_TYPE
+    return text_at(tag.block, "data_type") if "data_type" in tag.block.entries else default
+
+
+def _split(source: Item, facts: Facts) -> Iterator[Problem]:
+    """A request that is shorter than a value: once for each source, with the first of its widest values."""
+    limit = below(source.block, "max_registers")
+    most = limit.value if isinstance(limit, Scalar) else None
+    if (
+        limit is None
+        or not isinstance(most, int)
+        or isinstance(most, bool)
+        or not 1 <= most < max(REGISTERS.values())
+    ):
+        return
+    tags = [tag for tag in facts.tags if tag.kind == "modbus" and facts.source_of(tag) is source]
+    widths = [REGISTERS.get(_data_type(tag) or "", 0) for tag in tags]
+    width = max(widths, default=0)
+    if width > most:
+        tag = tags[widths.index(width)]
+        what = f"{tag} ({_data_type(tag)}, {where(below(tag.block, 'address') or tag.block)})"
+        text = f"found {most}, but {what} takes {width} registers, which one request must bring"
+        path = (*source.path, "max_registers")
+        yield Problem(*at(limit, limit), path, f"{text}, expected {width} or more")
 
 
 def _tells_no_time(tag: TagUse) -> Iterator[Problem]:
