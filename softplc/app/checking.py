@@ -3,9 +3,10 @@
 import asyncio
 import math
 import os
+import statistics
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from softplc.app.hints import Looked, hints, usable
 from softplc.app.layout import SourceLayout, TaskLayout, build_layout
@@ -74,7 +75,15 @@ def certificate_remarks(config: Config) -> list[str]:
     return texts
 
 
-def read_once(config: Config) -> tuple[list[dict[str, Any]], list[str]]:
+class Found(NamedTuple):
+    """What the sources answered: rows of tags, texts about them, and the median ms of a read by task and source."""
+
+    rows: list[dict[str, Any]]
+    texts: list[str]
+    answers: dict[tuple[str, str], float]
+
+
+def read_once(config: Config) -> Found:
     """One row for each tag that softplc would read: value, unit, status, source timestamp, age in seconds, and how
     many new samples a second came while it was looked at (at most 20 looks).
 
@@ -85,7 +94,7 @@ def read_once(config: Config) -> tuple[list[dict[str, Any]], list[str]]:
     return asyncio.run(_read_once(config))
 
 
-async def _read_once(config: Config) -> tuple[list[dict[str, Any]], list[str]]:
+async def _read_once(config: Config) -> Found:
     clock = SystemClock()
     units = {f"{axis.name}.Raw": axis.unit for axis in config.axes}
     ranges = {f"{axis.name}.Raw": axis.range for axis in config.axes}
@@ -107,12 +116,14 @@ async def _read_once(config: Config) -> tuple[list[dict[str, Any]], list[str]]:
     unfit = [str(result) for result in (*drivers, *results) if isinstance(result, ConfigError)]
     if unfit:
         raise ConfigError(*unfit)
-    groups: list[tuple[list[dict[str, Any]], list[str]]] = []
+    found = Found([], [], {})
     for result in results:
         if isinstance(result, BaseException):
             raise result
-        groups.append(result)
-    return [row for rows, _ in groups for row in rows], [text for _, texts in groups for text in texts]
+        found.rows.extend(result.rows)
+        found.texts.extend(result.texts)
+        found.answers.update(result.answers)
+    return found
 
 
 def _built(task: TaskLayout, layout: SourceLayout, clock: Clock) -> Driver | ConfigError:
@@ -132,11 +143,12 @@ async def _read_source(
     units: dict[str, str],
     ranges: dict[str, tuple[float, float] | None],
     clock: Clock,
-) -> tuple[list[dict[str, Any]], list[str]]:
+) -> Found:
     source = layout.source
     image = Image(len(layout.readings))
     error = ""
     texts: list[str] = []
+    answers: dict[tuple[str, str], float] = {}
     changes = [0.0] * len(layout.readings)
     pairs = zip(layout.reading_names, layout.readings, strict=True)
     looked = [Looked(name, tag, ranges.get(name)) for name, tag in pairs]
@@ -144,12 +156,13 @@ async def _read_source(
         async with asyncio.timeout(getattr(source, "connect_timeout_ms", 10_000.0) / 1e3):
             await driver.open()
         await _first_data(driver, image, clock)
-        changes = await _look(driver, image, looked, clock, task.task.period_ms / 1e3)
+        changes, took = await _look(driver, image, looked, clock, task.task.period_ms / 1e3)
     except (LinkError, TimeoutError) as problem:
         error = str(problem) or "no answer within the time limit"
         image.fail(StatusCode.BAD_NO_COMMUNICATION)
     else:
         texts = [f"{source.name}: {text}" for text in (*driver.problems, *driver.remarks)]
+        answers = {(task.task.name, source.name): took}
     finally:
         await driver.close()
     now = clock.utc_ns()
@@ -161,7 +174,7 @@ async def _read_source(
         | {"new_per_s": changes[position]}
         for position, (name, tag) in enumerate(zip(layout.reading_names, layout.readings, strict=True))
     ]
-    return rows, texts
+    return Found(rows, texts, answers)
 
 
 async def _first_data(driver: Any, image: Image, clock: Clock) -> None:
@@ -175,14 +188,19 @@ async def _first_data(driver: Any, image: Image, clock: Clock) -> None:
         await clock.sleep_until(clock.monotonic() + 0.05)
 
 
-async def _look(driver: Any, image: Image, looked: list[Looked], clock: Clock, period: float) -> list[float]:
-    """Read for a while, keeping what was seen; new samples a second of each tag."""
+async def _look(
+    driver: Any, image: Image, looked: list[Looked], clock: Clock, period: float
+) -> tuple[list[float], float]:
+    """Read for a while, keeping what was seen; new samples a second of each tag, and the median ms of a read."""
+    took: list[float] = []
     begun = clock.monotonic()
     counts = [0] * len(looked)
     before = [_news(image, position) for position in range(len(looked))]
     while clock.monotonic() - begun < _LOOK:
         await clock.sleep_until(clock.monotonic() + max(period, _LOOK / _LOOKS))
+        asked = clock.monotonic()
         await driver.read(image)
+        took.append((clock.monotonic() - asked) * 1e3)
         for position, each in enumerate(looked):
             if not usable(image, position):
                 continue
@@ -193,7 +211,7 @@ async def _look(driver: Any, image: Image, looked: list[Looked], clock: Clock, p
             counts[position] += news != before[position]
             before[position] = news
     seconds = max(clock.monotonic() - begun, 1e-9)
-    return [round(count / seconds, 1) for count in counts]
+    return [round(count / seconds, 1) for count in counts], statistics.median(took)
 
 
 def _news(image: Image, position: int) -> tuple[float, int]:

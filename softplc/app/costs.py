@@ -24,7 +24,8 @@ class Cost:
 class Costs:
     """Our own share and a device's: `device` is what the peer of the measurement took to answer, on the same machine.
 
-    A request of OPC-UA is one Read of many tags, one of Modbus at most 125 registers. `observers` by type, for a
+    A request of OPC-UA is one Read of many tags, one of Modbus at most 125 registers; `modbus_turn` is for as many of
+    those as may be in flight, and `modbus_device` for what they wait together. `observers` by type, for a
     scan of all axes of one observer, its tags written. `subscribed` is for each change of a value, beside
     a message in every scan.
     """
@@ -34,6 +35,7 @@ class Costs:
     opcua: Cost
     opcua_device: Cost
     modbus: Cost
+    modbus_turn: float
     modbus_device: Cost
     replay: Cost
     subscribed: float
@@ -45,7 +47,8 @@ MEASURED: Final = Costs(
     publish=Cost(3.0, 0.002),
     opcua=Cost(380.0, 0.17),
     opcua_device=Cost(1000.0, 14.0),
-    modbus=Cost(45.0, 0.2),
+    modbus=Cost(5.0, 0.2),
+    modbus_turn=40.0,
     modbus_device=Cost(325.0, 0.0),
     replay=Cost(10.0, 1.0),
     subscribed=0.5,

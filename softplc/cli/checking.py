@@ -9,6 +9,7 @@ from softplc.cli.output import messages, print_json, print_table
 from softplc.errors import ConfigError, LinkError, SoftplcError, UsageError
 
 if TYPE_CHECKING:
+    from softplc.app.budget import Answers
     from softplc.config.models import Config
 
 _SHOWN: Final = 50  # rows of a table that people read
@@ -31,7 +32,7 @@ def check(path: Path, *, connect: bool, as_json: bool) -> int:
     if not connect:
         _print_axes(path, config, as_json=as_json)
         return 0
-    rows, texts = read_once(config)
+    rows, texts, answers = read_once(config)
     if as_json:
         print_json(rows)
     else:
@@ -44,6 +45,7 @@ def check(path: Path, *, connect: bool, as_json: bool) -> int:
         messages.print(f"{source}: {error}", style="red", markup=False)
     if unreachable:
         return LinkError.exit_code
+    _print_budget(path, config, answers)
     bad = [str(row["tag"]) for row in rows if row["quality"] == "Bad"]
     if bad:
         messages.print(f"Bad: {', '.join(bad)}", style="red", markup=False)
@@ -66,15 +68,15 @@ def _print_axes(path: Path, config: "Config", *, as_json: bool) -> None:
     messages.print(f"{path}: {_counted(config)}: valid", style="green")
 
 
-def _print_budget(path: Path, config: "Config") -> None:
-    """How much of its period each task is predicted to take, and a warning where that is much."""
+def _print_budget(path: Path, config: "Config", answers: "Answers | None" = None) -> None:
+    """How much of its period each task is predicted to take, with measured answers; a warning where it is much."""
     from softplc.app.budget import budgets, explanation, warnings  # noqa: PLC0415
     from softplc.app.layout import build_layout  # noqa: PLC0415
 
-    found = budgets(build_layout(config))
+    found = budgets(build_layout(config), answers=answers)
     for budget in found:
         messages.print(f"{path}: {budget}", markup=False)
-    messages.print(f"{path}: {explanation()}", style="dim", markup=False)
+    messages.print(f"{path}: {explanation(measured=answers is not None)}", style="dim", markup=False)
     for text in warnings(found):
         messages.print(f"{path}: {text}", style="yellow", markup=False)
 

@@ -3,13 +3,16 @@
 import asyncio
 import json
 
+from softplc.app.budget import budgets, warnings
 from softplc.app.checking import read_once
+from softplc.app.layout import build_layout
 from softplc.config.models import Config
 from softplc.drivers.modbus.config import ModbusSource
 from softplc.drivers.modbus.driver import ModbusDriver
 from softplc.drivers.opcua.config import OpcUaSource
 from tests.drivers_modbus.support import running_peer
 from tests.support.network import free_port
+from tests.support.proxy import Proxy
 
 OBSERVER = {"type": "aoi", "q_x": 0.001, "q_x_dot": 0.5, "r_x": 0.01}
 
@@ -38,7 +41,7 @@ async def test_orders_neighbours_types_and_tables_are_told_and_nothing_of_what_i
             "axes": axes,
             "publishers": [],
         }
-        rows, texts = await asyncio.to_thread(read_once, Config.model_validate_json(json.dumps(document)))
+        rows, texts, _ = await asyncio.to_thread(read_once, Config.model_validate_json(json.dumps(document)))
 
     told = {text.partition(":")[0]: text for text in texts}
     assert set(told) == {"Order.Raw", "Beside.Raw", "Type.Raw"}
@@ -80,7 +83,26 @@ def test_every_driver_is_built_before_the_first_opens(monkeypatch):
         ],
     }
 
-    rows, _ = read_once(Config.model_validate_json(json.dumps(document)))
+    rows, _, answers = read_once(Config.model_validate_json(json.dumps(document)))
 
     assert events == ["built", "built", "opens"]
     assert all(row["error"] for row in rows)
+    assert answers == {}
+
+
+async def test_the_answer_of_a_source_is_measured_for_the_budget():
+    async with running_peer() as peer, Proxy(peer.port) as proxy:
+        proxy.delay = 0.02  # either way
+        document = {
+            "sources": [{"type": "modbus", "name": "plc", "transport": {"host": "127.0.0.1", "port": proxy.port}}],
+            "axes": [axis("A", address="holding:0")],
+        }
+        config = Config.model_validate_json(json.dumps(document))
+        found = await asyncio.to_thread(read_once, config)
+
+    ((place, answer),) = found.answers.items()
+    assert place == ("main", "plc")
+    assert answer >= 38.0  # ms; timers may be a little early
+    (predicted,) = budgets(build_layout(config), answers=found.answers)
+    assert predicted.slowest.basis == "measured"
+    assert "the answer of plc was measured to take" in next(warnings((predicted,)))
