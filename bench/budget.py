@@ -2,13 +2,19 @@
 
 Prints the table of softplc/app/costs.py anew: what a scan's parts cost at two sizes, as a line through them, CPU time
 of this process; for a device, what the wall clock says beyond it. The device is node-opcua (SOFTPLC_PEERS) or else
-asyncua, and softplc's emulated Modbus PLC, each in its own process on this machine.
+asyncua, and softplc's emulated Modbus PLC, each in its own process on this machine. Then what `in_flight` does with a
+Modbus device that takes 2 ms for each request, however many it has.
 """
 
+import argparse
 import asyncio
+import contextlib
 import gc
 import json
 import statistics
+import struct
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Awaitable, Callable
@@ -24,12 +30,14 @@ from softplc.app.observing import build_observer
 from softplc.clock import SystemClock
 from softplc.config.load import load
 from softplc.config.models import Config
+from softplc.drivers.modbus.config import ModbusSource, ModbusTag
 from softplc.drivers.opcua.config import OpcUaSource, OpcUaTag
 from softplc.exchange import Writer, size
 from softplc.tags import Image
 from softplc.timing import Scan
 
 FEW, MANY = 100, 2000
+DEVICE_TAKES = 0.002
 SHIPPED = Path(__file__).parent.parent / "config"
 Line = tuple[float, float]
 
@@ -121,11 +129,62 @@ async def modbus(folder: str) -> tuple[Line, Line]:
     return results[0], results[1]
 
 
+async def device() -> None:
+    """Says its port; answers each request for registers with zeros, 2 ms later; ends with stdin."""
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        loop = asyncio.get_running_loop()
+        with contextlib.suppress(asyncio.IncompleteReadError, ConnectionError):
+            while True:
+                head = await reader.readexactly(6)
+                pdu = await reader.readexactly(struct.unpack(">H", head[4:])[0])
+                data = bytes(2 * struct.unpack(">H", pdu[4:6])[0])
+                body = pdu[:2] + bytes([len(data)]) + data
+                loop.call_later(DEVICE_TAKES, writer.write, head[:4] + struct.pack(">H", len(body)) + body)
+        writer.close()
+
+    server = await asyncio.start_server(serve, "127.0.0.1", 0)
+    print(server.sockets[0].getsockname()[1], flush=True)
+    await asyncio.to_thread(sys.stdin.read)
+
+
+async def in_flight(port: int, count: int, many: int) -> Line:
+    """One read of so many requests for a float each, so many in flight."""
+    transport = {"type": "tcp", "host": "127.0.0.1", "port": port}
+    keys = {"type": "modbus", "name": "plc", "in_flight": many, "max_gap": 0, "timeout_ms": 5000}
+    source = ModbusSource.model_validate({**keys, "transport": transport})
+    tags = [ModbusTag(source="plc", address=f"holding:{100 * number}") for number in range(count)]
+    driver, image = source.build(tags, (), SystemClock(), 0.05), Image(count)
+    await driver.open()
+    found = await read_costs(lambda: driver.read(image), rounds=20)
+    await driver.close()
+    return found
+
+
+def measure_in_flight() -> None:
+    command = [sys.executable, __file__, "device"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        port = int(process.stdout.readline())
+        for count in (100, 20):
+            costs = [asyncio.run(in_flight(port, count, many)) for many in (1, 2, 4, 8, 16, 32)]
+            told = " | ".join(f"{wait / 1e3:.3g} + {cpu / 1e3:.1f}" for cpu, wait in costs)
+            print(f"    # ms with 1, 2, 4, 8, 16, 32 in flight: | {count} requests | {told} |", flush=True)
+
+
 def shown(name: str, cost: Line) -> None:
     print(f"    {name}=Cost({cost[0]:.3g}, {cost[1]:.3g}),", flush=True)
 
 
 def main() -> None:
+    if sys.argv[1:2] == ["device"]:  # a process that this benchmark starts
+        asyncio.run(device())
+        return
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--in-flight", action="store_true", help="Modbus with several requests in flight alone")
+    if parser.parse_args().in_flight:
+        measure_in_flight()
+        return
     shipped = [load(SHIPPED / name) for name in ("observers.yaml", "end_stops.yaml")]
     axes = {axis.observer.type: axis for config in shipped for axis in config.axes}
     publish: list[Line] = []
@@ -145,6 +204,7 @@ def main() -> None:
         shown("opcua_device", line(wait, wait_many, (FEW, 1000)))
         (cpu, wait), (cpu_many, wait_many) = asyncio.run(modbus(folder))
         print(f"    # Modbus: 1 request {cpu:.0f} + {wait:.0f} µs, of 100 axes {cpu_many:.0f} + {wait_many:.0f} µs")
+    measure_in_flight()
 
 
 if __name__ == "__main__":

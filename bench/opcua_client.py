@@ -7,6 +7,7 @@ process, in turns; each server in its own. Median CPU and wall time for each rea
 1 000 reported changes from the bytes of the message into the image, without a server.
 """
 
+import argparse
 import asyncio
 import gc
 import os
@@ -165,9 +166,11 @@ def medians(costs: list[tuple[float, float]]) -> tuple[float, float]:
 
 
 def main() -> None:
-    if sys.argv[1:2] == ["serve"]:
+    if sys.argv[1:2] == ["serve"]:  # a process that a benchmark starts
         asyncio.run(serve(int(sys.argv[2]), int(sys.argv[3])))
         return
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.parse_args()
     print("| server | work | asyncua client CPU / wall ms | softplc CPU / wall ms | CPU ratio | slow | rounds |")
     print("|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:

@@ -7,6 +7,7 @@ every 50 ms, publishing and sampling at 50 ms, by node-opcua's client; the serve
 notification that arrived.
 """
 
+import argparse
 import asyncio
 import gc
 import json
@@ -264,12 +265,13 @@ async def run(what: str) -> None:
 
 
 def main() -> None:
-    what = sys.argv[1] if len(sys.argv) > 1 else "all"
-    if what.startswith("serve-"):
-        serve = serve_softplc if what == "serve-softplc" else serve_asyncua
+    if sys.argv[1:2] in (["serve-softplc"], ["serve-asyncua"]):  # a process that a benchmark starts
+        serve = serve_softplc if sys.argv[1] == "serve-softplc" else serve_asyncua
         asyncio.run(serve(*map(int, sys.argv[2:5])))
-    else:
-        asyncio.run(run(what))
+        return
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", nargs="?", choices=("all", "read", "monitor"), default="all")
+    asyncio.run(run(parser.parse_args().what))
 
 
 if __name__ == "__main__":

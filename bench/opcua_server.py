@@ -4,6 +4,7 @@ Start: seconds and resident memory for 2, 100, 500 and 1 000 axes, each in a fre
 with 50 and 500 changed tags, without a client, and with one that monitors all of the changed ones (its own process).
 """
 
+import argparse
 import asyncio
 import contextlib
 import resource
@@ -127,20 +128,26 @@ async def browse() -> None:
 
 
 def main() -> None:
-    what = sys.argv[1] if len(sys.argv) > 1 else "all"
-    if what == "client":
+    if sys.argv[1:2] == ["client"]:  # a process that a benchmark starts
         with contextlib.suppress(KeyboardInterrupt):
             asyncio.run(client(int(sys.argv[2]), int(sys.argv[3])))
-    elif what == "start" and len(sys.argv) > 2:
-        asyncio.run(start(int(sys.argv[2])))
-    else:
-        if what in ("all", "start"):
-            for axes in (2, 100, 500, 1000):
-                subprocess.run([sys.executable, __file__, "start", str(axes)], check=True)
-        if what in ("all", "publish"):
-            asyncio.run(publish())
-        if what in ("all", "browse"):
-            asyncio.run(browse())
+        return
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", nargs="?", choices=("all", "start", "publish", "browse"), default="all")
+    parser.add_argument("axes", nargs="?", type=int, help="start: of so many axes alone, in this process")
+    options = parser.parse_args()
+    if options.axes is not None:
+        if options.what != "start":
+            parser.error("a number of axes goes with start alone")
+        asyncio.run(start(options.axes))
+        return
+    if options.what in ("all", "start"):
+        for axes in (2, 100, 500, 1000):
+            subprocess.run([sys.executable, __file__, "start", str(axes)], check=True)
+    if options.what in ("all", "publish"):
+        asyncio.run(publish())
+    if options.what in ("all", "browse"):
+        asyncio.run(browse())
 
 
 if __name__ == "__main__":
