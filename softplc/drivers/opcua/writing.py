@@ -80,6 +80,7 @@ class Writings:
                 requests.append((place, write_value(node, number, element)))
         for some in batches(requests, self._session.limits.write):
             answers = await self._session.write([request for _, request in some])
+            self._slow.messages += 1
             statuses[[place for place, _ in some]] = [int(answer.value) for answer in answers]
         return statuses
 

@@ -66,7 +66,10 @@ async def test_an_asyncua_that_was_not_proven_is_told_once_and_used_as_it_is(
                 async with opened(plc.url, [f"{AXIS}.Double"], [f"{AXIS}.Target"]) as driver:
                     image = await read(driver, 1)
                     assert image.values.tolist() == [1e300]
+                    read_so_far = driver.slow_path
+                    assert read_so_far > 0  # the tag SlowPath counts what asyncua decoded, as with an odd message
                     assert await write_values(driver, {0: 2.5}) == {0: StatusCode.GOOD}
+                    assert driver.slow_path == read_so_far + 1
     finally:
         asyncua_version.proven.cache_clear()
 
