@@ -178,6 +178,9 @@ async def test_the_servers_limits_are_kept_and_what_exceeds_them_is_bad(start_pl
     tags = [f"{AXIS}.{name}" for name in NUMBERS]
     async with opened(plc.url, tags, [f"{AXIS}.Target"]) as driver:
         assert (await read(driver, len(tags))).values.tolist() == list(NUMBERS.values())
+        (remark,) = driver.remarks
+        assert "at most 2 nodes (MaxNodesPerRead)" in remark
+        assert "expected mode: subscribe" in remark
 
     async with opened(plc.url, tags, mode="subscribe") as driver:
         image = await read(driver, len(tags))

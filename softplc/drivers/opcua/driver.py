@@ -45,6 +45,7 @@ REBIND: Final = 5.0
 """Seconds between two attempts to bind the tags that have a problem, and between two looks at the channel's age."""
 PROOF_AFTER: Final = 0.1
 """Seconds without any notification, or a scan if that is longer, after which `read` asks the server for its clock."""
+MANY_READS: Final = 4  # requests of one scan, one after another; more are worth a remark
 SHORTEST_SESSION: Final = 30.0
 """Seconds without a request after which the server may drop the session: short, so that no dead one fills it up."""
 
@@ -107,6 +108,9 @@ class OpcUaDriver:
         if self._subscription is not None and self._subscription.sampling > 1.5 * self._sampling:
             slow, asked = self._subscription.sampling * 1000.0, self._sampling * 1000.0
             told.append(f"the server samples every {slow:g} ms, {asked:g} ms were asked for")
+        if self._subscription is None and len(self._reads) > MANY_READS:
+            each = f"a Read brings at most {self._session.limits.read} nodes (MaxNodesPerRead)"
+            told.append(f"{each}: every scan waits for {len(self._reads)} answers in turn; expected mode: subscribe")
         return tuple(told)
 
     @property
