@@ -1,9 +1,19 @@
 """An asyncua client that subscribes request by request, so that a test sees each message."""
 
-from typing import Any
+from typing import Any, Final
 
 from asyncua import Client, ua
 from asyncua.ua.ua_binary import struct_from_binary
+
+PARTS: Final = (
+    ("1", ["urn:softplc:server"]),
+    ("1:2", ["urn:softplc:server", "urn:softplc:tags"]),
+    ("1:99", ["urn:softplc:server", "urn:softplc:tags"]),
+    ("1:2,0:2", ["urn", "urn"]),
+    ("9", ua.StatusCodes.BadIndexRangeNoData),
+    ("1,2,3", ua.StatusCodes.BadIndexRangeNoData),
+)
+"""Index ranges of the NamespaceArray, and what each gives: the part or why there is none."""
 
 
 class Messages:

@@ -7,7 +7,7 @@ from asyncua import Client, ua
 
 from softplc.sample import StatusCode
 from tests.publishers_opcua.conftest import Served
-from tests.publishers_opcua.messages import Messages, told
+from tests.publishers_opcua.messages import PARTS, Messages, told
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -125,17 +125,7 @@ async def test_a_dead_band_is_for_numbers_alone(
     assert found.StatusCode.name == status
 
 
-@pytest.mark.parametrize(
-    ("asked", "expected"),
-    [
-        ("1", ["urn:softplc:server"]),
-        ("1:2", ["urn:softplc:server", "urn:softplc:tags"]),
-        ("1:99", ["urn:softplc:server", "urn:softplc:tags"]),
-        ("1:2,0:2", ["urn", "urn"]),
-        ("9", ua.StatusCodes.BadIndexRangeNoData),
-        ("1,2,3", ua.StatusCodes.BadIndexRangeNoData),
-    ],
-)
+@pytest.mark.parametrize(("asked", "expected"), PARTS)
 async def test_an_index_range_is_the_part_that_is_told(alone: Client, asked: str, expected: Any) -> None:
     messages = await Messages(alone).create()
 

@@ -8,6 +8,7 @@ from asyncua import Client, ua
 
 from softplc.sample import StatusCode
 from tests.publishers_opcua.conftest import PASSWORD, Served, refused
+from tests.publishers_opcua.messages import PARTS
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -29,16 +30,7 @@ async def read(
 
 @pytest.mark.parametrize(
     ("asked", "expected"),
-    [
-        ("1", ["urn:softplc:server"]),
-        ("1:2", ["urn:softplc:server", "urn:softplc:tags"]),
-        ("1:99", ["urn:softplc:server", "urn:softplc:tags"]),
-        ("1:2,0:2", ["urn", "urn"]),
-        ("9", CODES.BadIndexRangeNoData),
-        ("1,2,3", CODES.BadIndexRangeNoData),
-        ("5:2", CODES.BadIndexRangeInvalid),
-        ("x", CODES.BadIndexRangeInvalid),
-    ],
+    [*PARTS, ("5:2", CODES.BadIndexRangeInvalid), ("x", CODES.BadIndexRangeInvalid)],
 )
 async def test_an_index_range_is_the_part_that_is_read(alone: Client, asked: str, expected: Any) -> None:
     (value,) = await read(alone, NAMESPACES, IndexRange=asked)
